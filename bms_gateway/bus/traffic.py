@@ -5,7 +5,7 @@ them spread over the cycle as on a real bus. Each value is taken at its frame's 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ SECOND = 1_000_000_000
 ELECTRICAL_NS, OTHER_NS = SECOND // 10, SECOND
 # A column without a value for so long, and for so many of its usual intervals, has a hole: nothing is made up there.
 HOLE_S, HOLE_INTERVALS = 10.0, 10.0
+ASIDE = ("voltage", "soc", "flow")
+"""Kinds that do not take their frame with them where a table has a hole, if they can be sent out of range."""
+HELD_INTERVALS, LONGEST_LINE_S = 2.5, 600.0
+"""A current or voltage is not held over blank rows for longer than so many of its own intervals; a temperature is not
+drawn over them for longer than so many seconds."""
 EDGE_S = 1e-6  # width of a step in a series: below any time stamp that matters
 SAME_CURRENT = 0.01  # share of the greatest current below which two readings belong to one level
 CHUNK_S = 600
@@ -46,14 +51,17 @@ class Series:
         SI, °C; no NaN.
     hole_s : float
         Between points further apart than this the value is unknown.
+    blanks : ndarray (H, 2), s
+        Between these instants the value is unknown: rows say that it was not read.
     """
 
     time_s: Floats
     value: Floats
     hole_s: float = np.inf
+    blanks: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, t: Floats) -> Floats:
-        """Value at the instants `t` (N,), NaN in holes and beyond the ends by more than a hole."""
+        """Value at the instants `t` (N,), NaN in holes and blanks, and beyond the ends by more than a hole."""
         if not len(self.time_s):
             return np.full(len(t), np.nan)
         j = np.searchsorted(self.time_s, t, "right") - 1
@@ -61,14 +69,17 @@ class Series:
         after = self.time_s[np.minimum(j + 1, len(self.time_s) - 1)]
         inside = (after - before <= self.hole_s) & (j >= 0) | (t == before)
         ends = ((j < 0) & (before - t <= self.hole_s)) | ((t >= self.time_s[-1]) & (t - before <= self.hole_s))
-        return np.where(inside & (t <= self.time_s[-1]) | ends, np.interp(t, self.time_s, self.value), np.nan)
+        there = inside & (t <= self.time_s[-1]) | ends
+        for begin, end in self.blanks:
+            there &= (t <= begin) | (t >= end)
+        return np.where(there, np.interp(t, self.time_s, self.value), np.nan)
 
 
 def lines(time_s: Floats, value: Floats) -> Series:
     """Series of a quantity that moves steadily, such as a temperature; NaN rows are passed over."""
     known = np.isfinite(value)
     t = time_s[known]
-    return Series(t, value[known], _hole(t))
+    return Series(t, value[known], _hole(t), _blanks(time_s, known, min(_hole(t), LONGEST_LINE_S)))
 
 
 def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None) -> Series:
@@ -83,12 +94,13 @@ def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None)
     """
     known = np.isfinite(value)
     t, v = time_s[known], value[known]
+    blanks = _blanks(time_s, known, _hole(t, HELD_INTERVALS))
     if len(t) < 2:
-        return Series(t, v, _hole(t))
+        return Series(t, v, _hole(t), blanks)
     step = np.ones(len(t) - 1, np.bool_) if moves is None else moves[known][1:]
     at = np.flatnonzero(step) + 1
     edge = t[at] - np.minimum(EDGE_S, 0.5 * (t[at] - t[at - 1]))
-    return Series(np.insert(t, at, edge), np.insert(v, at, v[at - 1]), _hole(t))
+    return Series(np.insert(t, at, edge), np.insert(v, at, v[at - 1]), _hole(t), blanks)
 
 
 def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
@@ -98,10 +110,11 @@ def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
     the current at the same instant. Heat is their product, so both matter.
     """
     known = np.isfinite(voltage)
-    t, v = time_s[known], voltage[known]
-    i = steps(time_s, current).at(t)
+    i = steps(time_s, current).at(time_s[known])
     level = SAME_CURRENT * float(np.nanmax(np.abs(current), initial=0.0))
-    return steps(t, v, np.abs(np.diff(i, prepend=i[:1])) > level)
+    moves = np.zeros(len(time_s), np.bool_)
+    moves[known] = np.abs(np.diff(i, prepend=i[:1])) > level
+    return steps(time_s, voltage, moves)
 
 
 def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
@@ -130,8 +143,26 @@ def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
     return feed
 
 
-def _hole(t: Floats) -> float:
-    return max(HOLE_S, HOLE_INTERVALS * float(np.median(np.diff(t)))) if len(t) > 1 else HOLE_S
+def _hole(t: Floats, intervals: float = HOLE_INTERVALS) -> float:
+    return max(HOLE_S, intervals * float(np.median(np.diff(t)))) if len(t) > 1 else HOLE_S
+
+
+def _blanks(time_s: Floats, known: NDArray[np.bool_], limit_s: float) -> Floats:
+    """Find the times (H, 2) of blank rows: before the first value, and where they last longer than `limit_s`.
+
+    Shorter ones are as in tables whose quantities come at times of their own.
+    """
+    at = np.flatnonzero(known)
+    if not len(at):
+        return np.zeros((0, 2))
+    t, between = time_s[at], np.diff(at) > 1
+    long = between & (np.diff(t) > limit_s)
+    found = list(zip(t[:-1][long].tolist(), t[1:][long].tolist(), strict=True))
+    if at[0] > 0:
+        found.append((-np.inf, float(t[0])))
+    if at[-1] < len(time_s) - 1 and float(time_s[-1] - t[-1]) > limit_s:
+        found.append((float(t[-1]), np.inf))
+    return np.array(found).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +200,11 @@ class Traffic:
     seed : int
         Of the noise.
 
+    Attributes
+    ----------
+    left_out : dict of str to int
+        Frames of each message that carry known values, and were not sent for one that is blank.
+
     Raises
     ------
     UsageError
@@ -191,11 +227,21 @@ class Traffic:
         if not wanted:
             raise UsageError("nothing to send: every quantity of these strings is a constant")
         messages = dict.fromkeys(database.resolve(c.signal or "").message for _, c in wanted)
-        infos = {c.signal or "": (database.resolve(c.signal or ""), c) for _, c in wanted}
+        known = [c for string in plan.strings for c in string.channels if c.signal is not None]
+        infos = {c.signal or "": (database.resolve(c.signal or ""), c) for c in known}
+        infos = {signal: of for signal, of in infos.items() if of[0].message in messages}
         refused = {signal: _refused(*of) for signal, of in infos.items()}
+        fed_signals = {c.signal for _, c in wanted}
+        self._others = {
+            (info.can_id, info.name): c
+            for signal, (info, c) in infos.items()
+            if signal not in fed_signals and not_available(info) is None and refused[signal] is None
+        }
         self._refused = {signal: raw for signal, raw in refused.items() if raw is not None}
         self._encoder = Encoder(database, tuple(messages), self._refused)
         self._slots = _spread(self._load(database, wanted))
+        self._names = {info.can_id: info.message for info, _ in infos.values()}
+        self.left_out: dict[str, int] = {}
         self._noise_K = noise_K
         self._rng = np.random.default_rng([seed, 0xCA])
 
@@ -214,7 +260,8 @@ class Traffic:
             )
             column = self._encoder.column(row, info.name)
             cargo.setdefault(row, {}).setdefault(column, (feed, c))
-            if not_available(info) is None:
+            aside = INPUTS[c.quantity].kind in ASIDE and c.signal in self._refused
+            if not_available(info) is None and not aside:
                 mute.setdefault(row, set()).add(column)
             cycle = _cycle(info, c)
             cycles[row] = min(cycles.get(row, cycle), cycle)
@@ -232,14 +279,19 @@ class Traffic:
         ]
 
     def made_up(self, feeds: Sequence[Mapping[Key, Series]]) -> list[Channel]:
-        """List what has no values, but would be sent as a measurement: other values of its frames are known."""
-        return [
-            c
-            for slot in self._slots
-            if any(_known(feeds[feed], channel) for _, feed, channel in slot.cargo)
-            for _, feed, c in slot.mute
-            if c.signal not in self._refused and not _known(feeds[feed], c)
-        ]
+        """List what has no values, but would be sent as a measurement: other values of its frames are known.
+
+        Signals that strings take which are not fed are among them.
+        """
+        found = []
+        for slot in self._slots:
+            if any(_known(feeds[feed], channel) for _, feed, channel in slot.cargo):
+                own = [c for _, feed, c in slot.mute if not _known(feeds[feed], c)]
+                found += [c for c in own if c.signal not in self._refused]
+                can_id = int(self._encoder.can_id[slot.row])
+                names = self._encoder.columns(slot.row)
+                found += [self._others[can_id, name] for name in names if (can_id, name) in self._others]
+        return found
 
     def between(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> FrameBatch:
         """Frames of [start, stop), ns on the time axis of the series.
@@ -259,9 +311,13 @@ class Traffic:
             for column, feed, channel in slot.cargo:
                 block[:, column] = self._sample(feeds[feed], channel, t)
             says = np.isfinite(block).any(axis=1) | (not slot.silent)
+            heard = says.copy()
             for column, feed, channel in slot.mute:
                 if _known(feeds[feed], channel):
                     says &= np.isfinite(block[:, column])
+            if lost := int((heard & ~says).sum()):
+                name = self._names[int(self._encoder.can_id[slot.row])]
+                self.left_out[name] = self.left_out.get(name, 0) + lost
             t, block = t[says], block[says]
             times.append(t)
             rows.append(np.full(len(t), slot.row, np.intp))

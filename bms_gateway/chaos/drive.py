@@ -134,6 +134,7 @@ class Drive:
             series.time_s,
             series.value,
             series.hole_s,
+            series.blanks,
             noise,
             self._rng if noise else None,
             change,

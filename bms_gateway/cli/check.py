@@ -1,13 +1,12 @@
 """`check`: whether a config is valid, and whether the sensors of every string determine its cores."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
-from bms_gateway.errors import clipped
+from bms_gateway.cli.store_place import store_problem
 
 if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
@@ -50,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
     distinct({"--json": args.json}, [*loaded.files, *args.log])
     given_once(args.log)
     plan = loaded.plan
+    key = "store.path" if loaded.config.store.path is not None else "STATE_DIRECTORY"
+    problem = store_problem(loaded.store, f"{args.config}: {key}")
     loaded.engine()  # a config of which no engine can be made would end the service
     strings: list[dict[str, Any]] = []
     for s in plan.strings:
@@ -80,9 +81,8 @@ def run(args: argparse.Namespace) -> int:
                 "signals": {_label(*c.key): c.signal or f"constant {c.constant:g}" for c in s.channels},
             }
         )
-    problem = _unstorable(loaded.store)
     if problem:
-        note(f"{args.config}: store.path: {problem}: the state would not be kept here")
+        note(f"{args.config}: {key}: {problem}: the state would not be kept here")
     uses, wrong = _uses(loaded, args.log) if args.log else ({}, [])
     lost = [signal for signal, use in uses.items() if use.lost]
     blind = [s["name"] for s in strings if not s["observable"]]
@@ -221,25 +221,6 @@ def _sensed(string: "StringPlan") -> tuple[int, ...]:
     own = {c.cell for c in string.channels if c.quantity == "surface" and c.cell is not None}
     several = {stand_in(c.statistic, c.among) for c in string.channels if c.statistic is not None}
     return tuple(sorted(own | several))
-
-
-def _unstorable(store: Path | None) -> str | None:
-    """Return why no state can be kept in a directory, None if it can; the service creates a missing directory."""
-    if store is None:
-        return None
-    there = store.absolute()
-    while True:
-        try:
-            there.lstat()
-        except (FileNotFoundError, NotADirectoryError):
-            there = there.parent
-        except OSError as e:  # the name is too long, or a folder may not be entered
-            return f"{clipped(str(there), 200)} cannot be made: {e.strerror}"
-        else:
-            break
-    if not there.is_dir():
-        return f"{there} is no directory"
-    return None if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written by this user"
 
 
 def _label(quantity: str, cell: int | None) -> str:

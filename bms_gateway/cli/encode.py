@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_other_units(plan.strings[index], loaded.database, table)
     feed = _feed(plan, index, table)
     traffic = Traffic(plan, loaded.database, [index])
-    refuse_made_up(table, traffic.made_up([feed]))
+    refuse_made_up(plan.strings[index], table, traffic.made_up([feed]))
     # The last row is an instant as well, so the frames end just after it.
     start_ns, stop_ns = (round(float(t) * SECOND) for t in table.time_s[[0, -1]])
     with progress("encoding", (stop_ns - start_ns) / SECOND) as advance:
@@ -106,6 +106,11 @@ def run(args: argparse.Namespace) -> int:
         )
     for column, sent in empty(plan.strings[index], loaded.database, table):
         note(f"{table.source}: {column} has no values: {sent}")
+    for message, count in traffic.left_out.items():
+        note(
+            f"{table.source}: {count} frames of {message} are left out with all that they carry, because a value in "
+            "them is blank and its signal cannot say so"
+        )
     if (spacing := far_apart(table)) is not None:
         note(
             f"{table.source}: current_A steps between rows that are {spacing:.4g} s apart; the frames repeat each "

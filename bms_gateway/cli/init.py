@@ -80,7 +80,9 @@ def _write(
     """Write the config, estimate with it, and say how to go on."""
     from bms_gateway.cli.output import note, say, write_json
     from bms_gateway.records.signal_use import advice
+    from bms_gateway.setup.picture import draw
     from bms_gateway.setup.settle import missing, settle
+    from bms_gateway.setup.taken_back import taken_back
 
     why_not = missing(proposal, traffic)
     guesses = _guessed(out, traffic) if why_not and not traffic.messages else []
@@ -95,8 +97,13 @@ def _write(
         if guesses:
             _tell_guesses(guesses, out, args)
         return 1
-    settled = settle(proposal, traffic, out, cell=cell, logs=args.log)
+    with taken_back(out):
+        kept = _keep(out / "gateway.toml") if (out / "gateway.toml").exists() else None
+        settled = settle(proposal, traffic, out, cell=cell, logs=args.log)
+        picture = draw(settled.cores, out / "cores.png")
     written = settled.written
+    if kept is not None:
+        note(f"{out / 'gateway.toml'} was there already: kept as {kept.name}")
     if args.json:
         write_json(args.json, document(proposal))
     say(_table(proposal), args.json)
@@ -106,7 +113,7 @@ def _write(
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(settled.cores, int(traffic.frames.time_ns[0]), out, args.json)
+    _show(settled.cores, int(traffic.frames.time_ns[0]), picture, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
     say(f"{written.config}: written, with {beside} file{'s' if beside > 1 else ''} beside it. Next:", args.json)
@@ -121,6 +128,7 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
 
     from bms_gateway.errors import UsageError
     from bms_gateway.setup.guessed_dbc import guessed_dbc
+    from bms_gateway.setup.taken_back import taken_back
     from bms_gateway.setup.without_dbc import guess
     from bms_gateway.whole import whole_text
 
@@ -130,9 +138,10 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
         ids = {f.can_id for g in guesses for f in (g.field, *g.beside)}
         length = {i: int(np.median(frames.length[frames.can_id == i])) for i in ids}
         try:
-            out.mkdir(parents=True, exist_ok=True)
-            with whole_text(out / GUESSED) as file:
-                file.write(guessed_dbc(guesses, length))
+            with taken_back(out):
+                out.mkdir(parents=True, exist_ok=True)
+                with whole_text(out / GUESSED) as file:
+                    file.write(guessed_dbc(guesses, length))
         except OSError as e:
             raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
     return guesses
@@ -171,19 +180,14 @@ def _may_write(out: Path, args: argparse.Namespace) -> bool:
     if not there.exists():
         return True
     if args.yes:
-        _keep(there)
         return True
     if not _asks(args):
         raise UsageError(f"--out {out}: gateway.toml is there already; name another folder, or give --yes")
-    if not _agrees(f"{there} is there already. Overwrite it?"):
-        return False
-    _keep(there)
-    return True
+    return _agrees(f"{there} is there already. Overwrite it?")
 
 
-def _keep(there: Path) -> None:
+def _keep(there: Path) -> Path:
     """Keep the existing config under another name, beside earlier ones."""
-    from bms_gateway.cli.output import note
     from bms_gateway.errors import UsageError
     from bms_gateway.store.files import reading
     from bms_gateway.whole import whole
@@ -201,7 +205,7 @@ def _keep(there: Path) -> None:
         raise UsageError(f"{fault}: {e.strerror}") from None
     if handle is None:
         raise UsageError(f"{fault}: it is no file")
-    note(f"{there} was there already: kept as {kept.name}")
+    return kept
 
 
 def document(proposal: "Proposal") -> dict[str, Any]:
@@ -314,14 +318,13 @@ def _agrees(question: str) -> bool:
         return True
 
 
-def _show(cores: "Cores", start_ns: int, out: Path, json_target: str | None) -> None:
+def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str | None) -> None:
     import numpy as np
 
     from bms_gateway.cli.output import say
     from bms_gateway.frames.quality import AVAILABLE_SD_K
     from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
-    from bms_gateway.setup.picture import draw
 
     if cores.last is None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
@@ -335,7 +338,7 @@ def _show(cores: "Cores", start_ns: int, out: Path, json_target: str | None) -> 
             say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
     if cores.hottest is not None:
         say(hottest_sentence(cores.hottest, start_ns), json_target)
-    if (picture := draw(cores, out / "cores.png")) is not None:
+    if picture is not None:
         say(f"picture: {picture}", json_target)
     else:
         say("a picture of the cores needs the extra report: pip install 'bms-gateway[report]'", json_target)

@@ -81,7 +81,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
     return found
 
 
-def refuse_made_up(table: Table, made_up: Sequence[Channel]) -> None:
+def refuse_made_up(string: StringPlan, table: Table, made_up: Sequence[Channel]) -> None:
     """Refuse a table that lacks a quantity whose signal would have to be sent with a value of nobody's.
 
     Raises
@@ -91,9 +91,12 @@ def refuse_made_up(table: Table, made_up: Sequence[Channel]) -> None:
     """
     if made_up:
         c = made_up[0]
+        what = f"{INPUTS[c.quantity].column.format(c.cell)} has no values"
+        if c not in string.channels:
+            what = f"the table says nothing of {c.signal}, which another string of the config takes"
         raise DataError(
-            f"{table.source}: {INPUTS[c.quantity].column.format(c.cell)} has no values, {c.signal} cannot say so, and "
-            "other values of its frames are known: nothing was written; use a config without this signal"
+            f"{table.source}: {what}, {c.signal} cannot say so, and other values of its frames are known: nothing was "
+            "written; use a config without this signal"
         )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bms_gateway import __version__
 from bms_gateway.config.bounds import bounded
-from bms_gateway.config.toml import read_bytes
+from bms_gateway.config.text_file import WINDOWS, decoded, read_bytes
 from bms_gateway.errors import ConfigError
 from bms_gateway.folders import open_folder
 from bms_gateway.frames.dbc import parse
@@ -31,8 +31,9 @@ OWN_TABLE = "dbc/bms_gateway.table"
 """Table of our DBC in the checkout, made by `python dbc/tabulate.py`."""
 KEPT = 32
 """Most tables in the directory. Each has some 100 kB, and every change of a DBC makes a new one."""
-MOST_BYTES = 64 << 20
-"""Largest size of a table, and of a DBC."""
+MOST_BYTES = 8 << 20
+"""Of the text of a DBC; that of a vehicle has one or two, and cantools takes ten times as much."""
+LARGEST_TABLE = 16 << 20
 _NOT_OURS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -102,9 +103,9 @@ def dbc_text(file: Path) -> str:
     """
     raw = read_bytes(file, MOST_BYTES)
     try:
-        return raw.decode("utf-8-sig")
+        return decoded(raw, "utf-8-sig", file, MOST_BYTES)
     except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
+        return decoded(raw, WINDOWS, file, MOST_BYTES)
 
 
 def shipped(name: str) -> Path:
@@ -151,7 +152,12 @@ def _content(file: Path) -> bytes | None:
         return None
     try:
         s = os.fstat(handle)
-        if not stat.S_ISREG(s.st_mode) or s.st_mode & _NOT_OURS or s.st_uid != os.geteuid() or s.st_size > MOST_BYTES:
+        if (
+            not stat.S_ISREG(s.st_mode)
+            or s.st_mode & _NOT_OURS
+            or s.st_uid != os.geteuid()
+            or s.st_size > LARGEST_TABLE
+        ):
             return None
         with open(handle, "rb", closefd=False) as f:
             return f.read()

@@ -13,7 +13,8 @@ from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.overrides import put_right
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
-from bms_gateway.config.toml import MOST_SHOWN, nearest_file, read_toml, validate
+from bms_gateway.config.text_file import nearest_file
+from bms_gateway.config.toml import MOST_SHOWN, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.errors import ConfigError, clipped, did_you_mean, whole_number

@@ -1,25 +1,20 @@
 """From a TOML file to a checked value: every fault becomes one line that names file, key and nearest choice."""
 
-import os
 import re
-import select
-import stat
-import time
 import tomllib
-from difflib import get_close_matches
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bms_gateway.config.bounds import READ_S, bounded
+from bms_gateway.config.bounds import bounded
+from bms_gateway.config.text_file import decoded, read_bytes
 from bms_gateway.errors import ConfigError, clipped, did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
 MOST_BYTES = 16 << 20
-"""A model file of a commissioned string of 200 cells, whose matrix has 800 rows, has 13 MB; others some kB."""
-PIECE = 1 << 20
+"""Of the text. A model file of a commissioned string of 200 cells, whose matrix has 800 rows, has 13 MB."""
 DEEPEST = 20
 MOST_SHOWN = 200
 
@@ -65,65 +60,12 @@ def read_text(path: Path) -> str:
         Missing, unreadable, too long, empty or not UTF-8.
     """
     try:
-        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+        text = decoded(read_bytes(path, MOST_BYTES), "utf-8-sig", path, MOST_BYTES)
     except UnicodeDecodeError as e:
         raise ConfigError(f"{path}: not UTF-8 text (byte {e.start})") from None
     if not text.strip():
         raise ConfigError(f"{path}: is empty")
     return text
-
-
-def read_bytes(path: Path, most: int) -> bytes:
-    """Read a file of the user of at most so many bytes; a longer one is refused before it is read.
-
-    Raises
-    ------
-    ConfigError
-        Missing, unreadable or too long; a pipe whose writer does not finish in `READ_S`.
-    """
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        try:
-            raw = _content(handle, most + 1)
-        finally:
-            os.close(handle)
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file{nearest_file(path)}") from None
-    except IsADirectoryError:
-        raise ConfigError(f"{path}: is a directory; expected a file") from None
-    except OSError as e:
-        raise ConfigError(f"{path}: cannot be read: {e.strerror or e}") from None
-    if len(raw) > most:
-        raise ConfigError(f"{path}: longer than {most >> 20} MiB; leave out of it what the gateway does not need")
-    return raw
-
-
-def _content(handle: int, most: int) -> bytes:
-    """Read up to `most` bytes; what is no plain file, such as a pipe, need not have an end."""
-    plain = stat.S_ISREG(os.fstat(handle).st_mode)
-    end = time.monotonic() + READ_S
-    parts = []
-    while most > 0:
-        if not plain and not select.select([handle], [], [], max(0.0, end - time.monotonic()))[0]:
-            raise TimeoutError(f"it came to no end in {READ_S:g} s")
-        part = os.read(handle, min(most, PIECE))
-        if not part:
-            break
-        parts.append(part)
-        most -= len(part)
-    return b"".join(parts)
-
-
-def nearest_file(path: Path) -> str:
-    """Tell the nearest name in the same folder, else the files of the same kind, as the end of an error line."""
-    try:
-        beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
-    except FileNotFoundError:
-        return f" (no such folder: {path.parent})"
-    except OSError:  # a folder that may not be looked into gives no advice
-        return ""
-    near = get_close_matches(path.name, beside, n=1)
-    return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])
 
 
 def _no_value(text: str, problem: str) -> str:

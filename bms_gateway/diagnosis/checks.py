@@ -22,6 +22,9 @@ Severity = Literal["stop", "warn", "note"]
 
 SHORTEST_S = 300.0
 """Core and surface exchange heat in tens of seconds, surface and coolant in minutes; a shorter record shows neither."""
+FEWEST_READINGS, FEWEST_HELD = 12, 3
+"""Of one sensor, because the structure of a residual is looked for over up to eight readings (`residuals.LAGS`); and in
+the parts that are held out, which test a fit."""
 RISE = 4.0
 """Temperatures must change by this multiple of the error of one reading."""
 ACTIVE, REST = 0.1, 0.03
@@ -87,6 +90,7 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
     checks = (
         _format,
         _length,
+        _readings,
         _current,
         _rise,
         _rest,
@@ -123,6 +127,25 @@ def _length(r: Record, model: StringModel) -> Iterator[Finding]:
             "warn",
             f"The record lasts {seconds / 60:.0f} min, less than twice the {slow / 60:.0f} min in which the cells of "
             "this model warm up: what acts slowly is hard to see.",
+        )
+
+
+def _readings(r: Record, _: StringModel) -> Iterator[Finding]:
+    fitted = max(int(np.sum(~r.held & (r.sensor == j))) for j in range(len(r.cells)))
+    held = int(np.sum(r.held))
+    if fitted >= FEWEST_READINGS and held < FEWEST_HELD:
+        yield Finding(
+            "too_few",
+            "stop",
+            f"The parts of the record that are held out have {held} readings, {FEWEST_HELD} are the least: cut the "
+            "record to where there are readings.",
+        )
+    if fitted < FEWEST_READINGS:
+        yield Finding(
+            "too_few",
+            "stop",
+            f"Outside the parts of the record that are held out, no sensor has more than {fitted} readings, "
+            f"{FEWEST_READINGS} are the least: cut the record to where there are readings.",
         )
 
 
@@ -177,8 +200,8 @@ def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
         yield Finding(
             "little_heat",
             "stop",
-            f"No surface temperature moves by more than {best:.1f} times the error of a reading: there is nothing to "
-            "compare. Drive more current, or for longer.",
+            f"No surface temperature moves by more than {best:.1f} times the error of a reading: nothing can be "
+            "learnt of the cells. Drive more current, or for longer.",
         )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_inputs import MINUTE_S
@@ -37,7 +38,7 @@ def doubt(r: Record) -> float:
     return r.sampling.doubt if r.sampling.seconds > ROWS_S and r.sampling.doubt > DOUBT else 0.0
 
 
-def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
+def shows_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool_]) -> float:
     r"""Compute how much better the readings are explained if each step of the current may lie between its rows.
 
     A step :math:`\Delta I^2` between rows d apart leaves the heat :math:`R_e \Delta I^2 d / \sqrt{12}` unknown (one
@@ -49,21 +50,23 @@ def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
     fit : MapFit
     records : sequence of Record
         Records from which those of the fit were made.
+    counted : ndarray of bool (M,)
+        Readings that count. What is compared with the result must be judged by the same readings.
 
     Returns
     -------
     float
-        Log-evidence from all readings, held-out ones too; 0 if every row of the current is valid for its own time.
+        Log-evidence; 0 if every row of the current is valid for its own time.
     """
     gained, first = 0.0, 0
     y, sigma, *_ = stacked(fit.problem)
-    residual = (y - fit.y) / sigma
+    residual = np.where(counted, (y - fit.y) / sigma, 0.0)
     for i, (record, m) in enumerate(zip(records, fit.problem.records, strict=True)):
         own = slice(first, first + len(m.y))
         first = own.stop
         if record.sampling.doubt == 0.0 or record.drive.dt > ROWS_S * record.sampling.seconds:
             continue
-        H = _answers(fit, i, record) / sigma[own][:, None]
+        H = _answers(fit, i, record) * (counted[own] / sigma[own])[:, None]
         inner = np.eye(H.shape[1]) + H.T @ H
         b = H.T @ residual[own]
         gained += 0.5 * float(b @ np.linalg.solve(inner, b) - np.linalg.slogdet(inner)[1])

@@ -169,7 +169,8 @@ def judged_model(
         Cores whose band is a lower limit for the new one, unless the new cores are proven.
     """
     core = known_core(fitted_model(fit, model, calibrated=calibrated, not_proven=said), records, identified)
-    share = 0.0 if core.proven else max(UNPROVEN, core.share_for(before) if before else 0.0)
+    kept = model.core_doubt if model.effects and not calibrated else 0.0  # no new fit of the same effects ends it
+    share = 0.0 if core.proven else max(UNPROVEN, core.share_for(before) if before else kept)
     if calibrated:  # the thermocouple may sit nearer to the centre or to the mean than the fit took it to
         lever = probe_lever(model)
         share = max(share, lever.sd / (1.0 + lever.value))

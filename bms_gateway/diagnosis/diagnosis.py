@@ -249,13 +249,13 @@ def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -
 
 def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
     """Whether steps of the current between its rows explain the records better than the effects of the search."""
-    most = left_open(found.baseline, [r.sampling.doubt for r in records])
-    if most < MATTERS * noise_floor(found.baseline, ~stacked(found.baseline.problem)[4]):
+    most, used = left_open(found.baseline, [r.sampling.doubt for r in records]), stacked(found.baseline.problem)[4]
+    if most < MATTERS * noise_floor(found.baseline, ~used):
         return False
     fits = (found.baseline, found.final) if found.chosen else (found.baseline,)
     held = within(found.baseline)
     odds = [f.log_evidence + log_density(f, held) for f in fits]
-    return max(o + shows_steps(f, records) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
+    return max(o + shows_steps(f, records, used | held) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
 
 
 def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
@@ -295,7 +295,9 @@ def judged(found: Search) -> Diagnosis:
     if verdict == "unknown_effect":
         said = partial(something_unknown, looks=looks)
         return Diagnosis(verdict, True, said, (), looks, ranking, base, base, found, more=rows)
-    told = nothing_missing if verdict == "adequate" else partial(missing, selected=selected, remains=remains)
+    told = partial(missing, selected=selected, remains=remains)
+    if verdict == "adequate":
+        told = partial(nothing_missing, closest=base)
     return Diagnosis(verdict, remains, told, selected, (), ranking, base, final, found, more=rows)
 
 
@@ -438,11 +440,14 @@ def named(c: Candidate) -> str:
     return f"{c.name}{place}: {c.effect.title}"
 
 
-def nothing_missing(base: Errors, after: Errors) -> str:  # noqa: ARG001 - as of the other verdicts
-    """Say that the model is adequate."""
+def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noqa: ARG001 - as of the other verdicts
+    """Say that the model is adequate; `closest` are the errors of the fit that was judged."""
+    apart = falls(base.heldout_rmse_K, closest.heldout_rmse_K)
+    own = f" The numbers that are stated are held near what was known and leave {base.heldout_rmse_K:.2g} K."
     return (
-        f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
-        f"noise {base.noise_floor_K:.2g} K. Nothing is missing that they could show."
+        f"The model explains these readings: {(closest if apart else base).heldout_rmse_K:.2g} K on held-out blocks"
+        f"{', where it comes closest to them' if apart else ''}, noise {base.noise_floor_K:.2g} K. "
+        f"Nothing is missing that they could show.{own if apart else ''}"
     )
 
 

@@ -18,15 +18,19 @@ from bms_gateway.diagnosis.model_error import Bench, Fit
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.identify.contract import Posterior, Tick
 from bms_gateway.identify.coordinates import Belief, Measured
-from bms_gateway.identify.map_fit import TO_THE_END
+from bms_gateway.identify.map_fit import TO_THE_END, MapFit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.identify.window import WindowIdentifier
+from bms_gateway.identify.window_effects import heat_only
 from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import Floats, StringModel
-from bms_gateway.thermal.drive import Span
+from bms_gateway.thermal.drive import Drive, Span
 
 HELD = 0.03
 """Share of a number's sd from the windows with which the fit of the rest keeps this number."""
+LEAST_SHARE = 0.5
+"""Of the sd by a fit of the whole record, below which windows do not know a number of a model with effects: the heat
+that they are given has the numbers of that fit in it."""
 MOST_CELLS = 24
 """Largest string that is learnt in this way: a window needs the response to each cell's departures, which takes ten
 seconds of CPU for 60 cells, four times as long as the rest."""
@@ -51,24 +55,27 @@ class Found:
     covariance: Floats
 
 
-def learned(model: StringModel, records: Sequence[Measured]) -> Posterior | None:
+def learned(model: StringModel, records: Sequence[Measured], fit: MapFit | None = None) -> Posterior | None:
     """Learn from records as the service does while the same records are on the bus.
 
     Parameters
     ----------
     model : StringModel
-        Without effects.
     records : sequence of Measured
         Held-out readings are not shown.
+    fit : MapFit, optional
+        Of a model with effects to these records: what its effects make of the current and of the inlet.
 
     Returns
     -------
     Posterior or None
-        None if nothing is learnt from any window (too short, too cold, or rows too far apart), and for strings of more
-        than `MOST_CELLS`.
+        None if nothing is learnt from any window (too short, too cold, or rows too far apart), for strings of more
+        than `MOST_CELLS`, and for a model whose effects change more than the heat in the cores and the inputs.
     """
-    if model.cells > MOST_CELLS:
+    if model.cells > MOST_CELLS or (model.effects and not heat_only(model)):
         return None
+    if fit is not None and model.effects:
+        records = [replace(m, drive=_as_plain(fit, i, m)) for i, m in enumerate(records)]
     learner = WindowIdentifier(model)
     for i, m in enumerate(records):
         if i:
@@ -86,7 +93,7 @@ def untaught(model: StringModel) -> Posterior:
     return WindowIdentifier(model).posterior()
 
 
-def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
+def keeping(bench: Bench, fit: Fit, known: Posterior, whole_sd: Floats | None = None) -> Fit:
     """Give a fit the numbers that windows have found, and fit what is left.
 
     Parameters
@@ -96,14 +103,18 @@ def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
         Of the bench's records.
     known : Posterior
         By `learned` of the same records. Each of several records keeps the cooling of its own.
+    whole_sd : ndarray (P,), optional
+        sd of the coordinates by the fit of the whole record, where the windows have used that fit.
 
     Returns
     -------
     Fit
-        The marginal posterior of these numbers is `known`.
+        The marginal posterior of these numbers is `known`, widened by `whole_sd` (`LEAST_SHARE`).
     """
     old = fit.map.problem
     found = _in_coordinates(old, known)
+    if whole_sd is not None:
+        found = _no_narrower(found, whole_sd[found.at])
     held = {
         old.coordinates[i].name: Belief(float(x), float(HELD * np.sqrt(v)))
         for i, x, v in zip(found.at, found.mean, np.diag(found.covariance), strict=True)
@@ -130,6 +141,26 @@ def _in_coordinates(problem: Problem, known: Posterior) -> Found:
     bounds = [(problem.coordinates[i].lower, problem.coordinates[i].upper) for i in at]
     mean = np.clip(known.mean[mine] - median, *np.transpose(bounds)) if mine else np.zeros(0)
     return Found(at, mean, known.cov[np.ix_(mine, mine)])
+
+
+def _no_narrower(found: Found, sd: Floats) -> Found:
+    """Widen numbers whose sd is below `LEAST_SHARE` of `sd` (k,); correlations stay."""
+    wider = np.maximum(1.0, LEAST_SHARE * sd / np.sqrt(np.diag(found.covariance)))
+    return replace(found, covariance=found.covariance * np.outer(wider, wider))
+
+
+def _as_plain(fit: MapFit, record: int, m: Measured) -> Drive:
+    """Drive with which a string without effects would have the heat and the inlet of a fit: see `window_effects`."""
+    (system, _), X = fit.problem.system(record, fit.theta, fit.nu), fit.prediction.X[record]
+    I2, T_in = m.drive.I2.copy(), m.drive.T_in.copy()
+    first = 0
+    for rows, part in system.parts():
+        middle = (X[rows][1:] + X[rows][:-1]) / 2.0
+        point = part.physics.point(middle, part.u, part.v, part.memory)
+        own = slice(first, first := first + part.u.N)
+        I2[own] = np.mean(point.core / part.v.string.R_e, axis=1)
+        T_in[own] = np.broadcast_to(point.T_in, (part.u.N, 1))[:, 0]
+    return replace(m.drive, I2=I2, T_in=T_in)
 
 
 def _ticks(m: Measured, cells: int) -> Iterator[Tick]:

@@ -8,7 +8,8 @@ batches:
 * further behind: the clock was set back; from here on the same amount is added to all stamps, so that time goes on;
 * more than `AHEAD_NS` ahead: the frame is held until the next one. If the next frame follows it, the bus was silent (or
   the clock was set forward), and both are taken. If the next frame continues where the others were, the stamp was
-  absurd, and its frame is dropped.
+  absurd, and its frame is dropped;
+* ahead by more than `LONGEST_NS` from the first, which two clocks in one log reach in turns: absurd, too.
 """
 
 from collections import deque
@@ -20,6 +21,7 @@ from bms_gateway.frames.batch import FrameBatch
 
 BACK_NS = 2_000_000_000  # USB adapters reorder by milliseconds; 2 s is beyond any of them and below any clock setting
 AHEAD_NS = 60_000_000_000
+LONGEST_NS = 9_100_000_000_000_000_000  # 288 years; times and their differences fit 64 bits
 
 
 @dataclass(slots=True)
@@ -100,10 +102,11 @@ class Clock:
         for i, stamp in enumerate(raw):
             t = stamp + self.shift_ns
             if t > last + AHEAD_NS:
-                if i + 1 == len(raw):
+                far = t - min(self.first_ns, 0) > LONGEST_NS
+                if i + 1 == len(raw) and not far:
                     self._held = frames[i : i + 1]
                     break
-                if raw[i + 1] + self.shift_ns <= last + AHEAD_NS:
+                if far or raw[i + 1] + self.shift_ns <= last + AHEAD_NS:
                     self.absurd += 1
                     odd = True
                     continue

@@ -24,6 +24,8 @@ MOST_SIGNALS = 20_000
 """More than the buses of a whole vehicle have; cantools takes 3.5 s and 75 MB for them."""
 LONGEST = 1785
 """Bytes of the longest message: of J1939's transport protocol, 255 packets of 7."""
+LONGEST_TEXT = 1 << 18
+"""Characters between two quotation marks. For each, cantools takes some twenty bytes at once."""
 LONGEST_DIGITS = 5
 MOST_SELECTING = 1_000_000
 """Multiplexer values in ranges, all signals together: sixteen signals that any value of 16 bits selects."""
@@ -32,6 +34,9 @@ LONGEST_CYCLE_MS = 86_400_000.0
 MOST_DATA_ID = 0xFFFF
 MOST_ID = 0xFFFFFFFF
 MOST_SHOWN = 200
+MOST_LISTED = 5
+"""Lines that one message names."""
+_QUOTE = re.compile(r'(?<!\\)"')
 _SIGNAL = re.compile(r"^[ \t]*SG_[ \t]", re.M)
 _MESSAGE = re.compile(r"^[ \t]*BO_\s+\d+\s+(\w+)\s*:\s*(\d+)", re.M)
 _ID = re.compile(r"^[ \t]*BO_\s+(\d+)", re.M)
@@ -39,6 +44,8 @@ _WHOLE_SIGNAL = re.compile(r"\[[^\]|]*\|[^\]]*\]\s*\"[^\"]*\"\s+\S")
 _WHOLE_MESSAGE = re.compile(r"BO_\s+\d+\s+\w+\s*:\s*\d+\s+\w")
 _PLACE = re.compile(r"\bSG_\s+(\w+)[^:\"]*:\s*(\d+)\s*\|\s*(\d+)")
 _SELECTED = re.compile(r"^[ \t]*SG_MUL_VAL_\s[^;]*;", re.M)
+_OF_A_SIGNAL = re.compile(r"[ \t]*(VAL_|SIG_VALTYPE_)\s+(\d+)\s+(\w+)")
+_STATED = re.compile(rf"^{_OF_A_SIGNAL.pattern}\b[^;]*;", re.M)
 _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 _DATA_ID = re.compile(r"[0-9]{1,5}")
 _UNFORESEEN = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
@@ -95,18 +102,23 @@ def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
             unused = re.findall(r"^ *(VAL_|SIG_VALTYPE_) (\d+) (\w+)$", str(problem).removesuffix('"'), re.M)
             if not unused:
                 return None
-            for kind, number, signal in unused:
-                text = re.sub(rf"^\s*{kind}\s+{number}\s+{signal}\b[^;]*;", "", text, flags=re.M)
+            text = _without(text, set(unused))
         except (ConfigError, RecursionError, *_UNFORESEEN):
             return None
     return None
+
+
+def _without(text: str, stray: set[tuple[str, str, str]]) -> str:
+    """Leave out what is stated of these signals, by kind of statement, number of the message and signal."""
+    return _STATED.sub(lambda found: "" if found.groups() in stray else found[0], text)
 
 
 def _refuse_extremes(name: str, text: str) -> None:
     """Refuse content that no bus carries and for which a parser needs minutes or gigabytes."""
     if "\0" in text:
         raise ConfigError(f"{name}: holds zero bytes, so it is no text of a DBC; give the vehicle's DBC file")
-    signals = len(_SIGNAL.findall(text))
+    _refuse_long_texts(name, text)
+    signals = sum(1 for _ in _SIGNAL.finditer(text))
     if signals > MOST_SIGNALS:
         raise ConfigError(
             f"{name}: {signals} signals; at most {MOST_SIGNALS} are read: leave out the messages that are not needed"
@@ -128,6 +140,17 @@ def _refuse_extremes(name: str, text: str) -> None:
                 f"{name}: line {line}: signal {found[1]} lies beyond {8 * LONGEST} bits; correct its start or length"
             )
     _refuse_ranges(name, text)
+
+
+def _refuse_long_texts(name: str, text: str) -> None:
+    """Refuse comments, units and labels of a length that a parser multiplies."""
+    quotes = (found.start() for found in _QUOTE.finditer(text))
+    for begin in quotes:
+        if (length := next(quotes, len(text)) - begin - 1) > LONGEST_TEXT:
+            line = text.count("\n", 0, begin) + 1
+            raise ConfigError(
+                f"{name}: line {line}: a text of {length:,} characters; at most {LONGEST_TEXT:,} are read: shorten it"
+            )
 
 
 def _cut_short(text: str) -> str | None:
@@ -318,9 +341,14 @@ def _explain(name: str, text: str, problem: str) -> str:
     lines = text.splitlines()
     unused = re.findall(r"^ *(VAL_|SIG_VALTYPE_) (\d+) (\w+)$", detail, re.M)
     if unused:
-        at = [_line(lines, rf"\s*{kind}\s+{number}\s+{signal}\b") for kind, number, signal in unused]
-        listed = ", ".join(f"line {n} ({k} of {s})" for n, (k, _, s) in zip(at, unused, strict=True))
-        return f"{name}: {listed}: no message has such a signal; remove {'these lines' if len(at) > 1 else 'this line'}"
+        at: dict[tuple[str, ...], int] = {}
+        for n, line in enumerate(lines, 1):
+            if stated := _OF_A_SIGNAL.match(line):
+                at.setdefault(stated.groups(), n)
+        listed = ", ".join(f"line {at.get(one, 0)} ({one[0]} of {one[2]})" for one in unused[:MOST_LISTED])
+        listed += f" and {len(unused) - MOST_LISTED} more" if len(unused) > MOST_LISTED else ""
+        what = "these lines" if len(unused) > 1 else "this line"
+        return f"{name}: {listed}: no message has such a signal; remove {what}"
     overlap = re.search(r"signals (\S+) and (\S+) are overlapping in message (\S+?)\.?$", detail)
     if overlap:
         first, second, message = overlap.groups()

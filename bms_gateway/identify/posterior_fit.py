@@ -41,7 +41,7 @@ import numpy as np
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.window_evidence import Evidence
-from bms_gateway.identify.window_problem import ANNEAL, MODEL_SD, Point, Problem, Sizes, Window
+from bms_gateway.identify.window_problem import ANNEAL, Point, Problem, Sizes, V, Window
 from bms_gateway.thermal import Floats, StringModel
 
 Root = Literal["both", "smaller", "larger"]
@@ -99,20 +99,11 @@ class Fit:
     doubt: float
 
 
-def fit_window(
-    model: StringModel,
-    window: Window,
-    evidence: Evidence,
-    guess: Floats,
-    start: Floats | None,
-    *,
-    root: Root = "both",
-    model_sd: float = MODEL_SD,
-    carried: float = 1.0,
-) -> Fit:
-    """Fit one window.
+@dataclass(frozen=True, slots=True)
+class WindowJob:
+    """Fit of one window, complete in itself.
 
-    Parameters
+    Attributes
     ----------
     model : StringModel
     window : Window
@@ -128,17 +119,38 @@ def fit_window(
         White error of the model itself.
     carried : float
         Size of the carried effects, in their own sd.
-
-    References
-    ----------
-    Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
+    least_doubt : float
+        Least factor by which the noise is raised.
     """
-    problem = Problem(model, window, evidence, start, carried)
+
+    model: StringModel
+    window: Window
+    evidence: Evidence
+    guess: Floats
+    start: Floats | None
+    root: Root
+    model_sd: float
+    carried: float
+    least_doubt: float
+
+    def run(self) -> Fit:
+        """Fit; the same job gives the same result to the last bit.
+
+        References
+        ----------
+        Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
+        """
+        return _fitted(self)
+
+
+def _fitted(job: WindowJob) -> Fit:
+    model, root = job.model, job.root
+    problem = Problem(model, job.window, job.evidence, job.start, job.carried)
     p = problem.p
-    phi, xi = np.array(guess, dtype=np.float64), problem.xi0
-    floor = problem.error_floor(model_sd)
+    phi, xi = np.array(job.guess, dtype=np.float64), problem.xi0
+    floor = problem.error_floor(job.model_sd)
     sizes = Sizes(floor, 0.05, 100.0, 0.1)
-    for scale in () if evidence.info.any() else ANNEAL:
+    for scale in () if job.evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)
         phi, xi = point.phi, point.xi
     point = problem.minimise(phi, xi, sizes, 1.0, 10)
@@ -148,7 +160,7 @@ def fit_window(
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     doubt = 1.0
-    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)))
+    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)), job.least_doubt)
     for _ in range(TRIES):
         factor = max(problem.noisier(point, mean[:p], sizes), least / doubt)
         if factor <= 1.0 + ALMOST:
@@ -172,10 +184,10 @@ def fit_window(
     back = np.eye(len(grad))
     back[:p, :p] = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
     info_z = back.T @ info @ back
-    rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.valid.any() else np.nan
+    rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.means.valid.any() else np.nan
     z = lumped(point.phi, model.has_conduction)
     v = np.zeros(len(grad))
-    v[p : problem.P] = point.xi[: problem.V]
+    v[p : problem.P] = point.xi[:V]
     grad_z = back.T @ grad - info_z @ v  # evidence is told about v = 0
     mean, cov = problem.effective(mean, cov)
     return Fit(
@@ -188,13 +200,13 @@ def fit_window(
 def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tuple[Point, Floats, Floats, float]:
     """Look on the other side of the fold; mean and covariance of both where neither can be excluded."""
     cov = problem.covariance(point)
-    here = np.append(point.phi, point.xi[: problem.V])
-    other = np.clip(alias(point.phi), problem.low, problem.high)
-    other = np.where(problem.prior_info > 0.0, other, point.phi)
+    here = np.append(point.phi, point.xi[:V])
+    other = np.clip(alias(point.phi), problem.sought.low, problem.sought.high)
+    other = np.where(problem.sought.info > 0.0, other, point.phi)
     if root != "both":
         if (fold_distance(point.phi) > 0.0) == (root == "smaller") and problem.feasible(other):
             point = problem.minimise(other, point.xi, sizes, 1.0, 10)
-        return point, np.append(point.phi, point.xi[: problem.V]), problem.covariance(point), 0.0
+        return point, np.append(point.phi, point.xi[:V]), problem.covariance(point), 0.0
     jump = lumped(other, problem.model.has_conduction) - lumped(point.phi, problem.model.has_conduction)
     info = _of_numbers(problem, point)
     back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))
@@ -205,7 +217,7 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
         mean, cov = _leaning(problem, point, other, sizes, cov)
         return point, mean, cov, 0.0
     weight = 1.0 / (1.0 + np.exp(np.clip(problem.score(twin) - problem.score(point), -50.0, 50.0)))
-    there = np.append(twin.phi, twin.xi[: problem.V])
+    there = np.append(twin.phi, twin.xi[:V])
     if weight > 0.5:
         point, twin, here, there, weight = twin, point, there, here, 1.0 - weight
     apart = there - here
@@ -216,7 +228,7 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
 def _of_numbers(problem: Problem, point: Point) -> Floats:
     """Information (p, p) of the data on φ, the carried effects integrated out with their prior."""
     info, p = problem.marginal(point)[0], problem.p
-    carried = info[p:, p:] + np.eye(problem.V)
+    carried = info[p:, p:] + np.eye(V)
     return np.asarray(info[:p, :p] - info[:p, p:] @ np.linalg.solve(carried, info[p:, :p]), dtype=np.float64)
 
 
@@ -227,9 +239,9 @@ def _leaning(problem: Problem, point: Point, other: Floats, sizes: Sizes, cov: F
     Δ = aᵀ H a / 2 below the mode's, in logarithms. Where it is only Δ* < Δ below, the distribution is wider on that
     side: (2 Δ)^{-1/2} on one side and (2 Δ*)^{-1/2} on the other, in units of a.
     """
-    free, mean = problem.free, np.append(point.phi, point.xi[: problem.V])
+    free, mean = problem.sought.free, np.append(point.phi, point.xi[:V])
     away = other - point.phi
-    expected = 0.5 * float(away @ (_of_numbers(problem, point) + np.diag(problem.prior_info)) @ away)
+    expected = 0.5 * float(away @ (_of_numbers(problem, point) + np.diag(problem.sought.info)) @ away)
     found = max(problem.profile(other, point.xi, sizes) - point.cost, LEAST_DROP)
     if found >= expected:
         return mean, cov

@@ -7,8 +7,7 @@ little of R_e (as much as the last window saw it walk) and R_u, so that ageing a
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import nan
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,12 +26,13 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
-from bms_gateway.identify.posterior_fit import Fit, Root, fit_window
+from bms_gateway.identify.posterior_fit import Fit, Root, WindowJob
 from bms_gateway.identify.ticks import Ticks, before_full
 from bms_gateway.identify.unsized import as_shown, shown_sd
 from bms_gateway.identify.window_evidence import Evidence, departures
-from bms_gateway.identify.window_problem import MODEL_SD, WALK_S, Window
-from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
+from bms_gateway.identify.window_now import WindowNow
+from bms_gateway.identify.window_problem import MODEL_SD, WALK_S
+from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05
@@ -88,29 +88,13 @@ class Settings:
     model_sd: float = MODEL_SD
 
 
-@dataclass(frozen=True, slots=True)
-class WindowJob:
-    """One window's fit, complete in itself."""
-
-    model: StringModel
-    window: Window
-    evidence: Evidence
-    guess: Floats
-    start: Floats | None
-    root: Root
-    model_sd: float
-    carried: float
-
-    def run(self) -> Fit:
-        """Fit; the same job gives the same result to the last bit."""
-        return fit_window(
-            self.model, self.window, self.evidence, self.guess, self.start, root=self.root, model_sd=self.model_sd,
-            carried=self.carried,
-        )  # fmt: skip
-
-
 class WindowIdentifier:
     """Windowed maximum a posteriori identification of one string.
+
+    Attributes
+    ----------
+    now : WindowNow
+        The window under way.
 
     References
     ----------
@@ -135,20 +119,9 @@ class WindowIdentifier:
         self._windows = 0
         self._from_voltage = False
         self._doubt = 1.0
-        self._pending = self._looking = False
+        self._out: Literal["", "window", "look"] = ""
         self._end: Floats | None = None
-        self._clear()
-
-    def _clear(self) -> None:
-        self._dt = 0.0
-        self._square: list[float] = []
-        self._heat: list[float] = []
-        self._current: list[float] = []
-        self._readings = Gathered()
-        self._inlet: list[float] = []
-        self._joined = False  # the window begins where a fitted one ended
-        self._looked = False
-        self._held = (0.0, 0.0)  # seconds without current, without inlet
+        self.now = WindowNow()
 
     def add(self, tick: Tick) -> WindowJob | None:
         """Take in one tick.
@@ -159,52 +132,31 @@ class WindowIdentifier:
             A job when a window is full, or when a gap ends one that is long enough.
         """
         job = None
-        if tick.dt > GAP_S or (self._square and abs(tick.dt - self._dt) > 1e-6):
+        if tick.dt > GAP_S or self.now.steps_otherwise(tick.dt):
             job = self._close()
-        blind, still = self._held
-        # plain numbers, many times a second: comparing them with themselves tells NaN far faster than numpy does
-        square, heat, inlet = tick.mean_square_current, tick.heat, tick.inlet
-        no_heat, no_inlet = square != square and heat != heat, inlet != inlet
-        blind = blind + tick.dt if no_heat else 0.0
-        still = still + tick.dt if no_inlet else 0.0
-        if blind > HOLD_CURRENT_S or still > HOLD_INLET_S:
+        taken = self.now.add(tick)
+        if taken == "lost":
             return job or self._close()
-        if not self._inlet:
-            if no_heat or no_inlet:
-                return job
-            self._inlet = [inlet]  # the first tick gives the instant from which the window runs
+        if taken == "waits":
             return job
-        if no_heat:
-            square, heat = (self._square[-1], self._heat[-1]) if self._square else (0.0, nan)
-        self._held, self._dt = (blind, still), tick.dt
-        self._square.append(square)
-        self._heat.append(heat)
-        self._current.append(tick.current)
-        self._readings.add(tick.surface, tick.age)
-        self._inlet.append(self._inlet[-1] if no_inlet else inlet)
-        length = len(self._square) * tick.dt
+        length = len(self.now.square) * tick.dt
         if length >= self._settings.window_s - 1e-6:
             return self._close(full=True)
-        if not self._windows and not self._looked and length >= self._settings.first_look_s - 1e-6:
+        if not self._windows and not self.now.looked and length >= self._settings.first_look_s - 1e-6:
             return self._look()
         return job
 
     def patience(self, dt: float) -> int:
         """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
-        if not self._inlet or (self._square and abs(self._dt - dt) > 1e-6):
+        if not self.now.inlet or self.now.steps_otherwise(dt):
             return 0
         known = self._settings
-        ahead = known.window_s if self._windows or self._looked else min(known.first_look_s, known.window_s)
-        return before_full(ahead, len(self._square), dt)
+        ahead = known.window_s if self._windows or self.now.looked else min(known.first_look_s, known.window_s)
+        return before_full(ahead, len(self.now.square), dt)
 
     def take(self, ticks: Ticks) -> None:
         """Take in regular ticks, no more than `patience` says; the same as adding them one by one."""
-        self._held, self._dt = (0.0, 0.0), ticks.dt
-        self._square += ticks.square.tolist()
-        self._heat += ticks.heat.tolist()
-        self._current += ticks.current.tolist()
-        self._inlet += ticks.inlet.tolist()
-        self._readings.take(ticks.surface, ticks.age)
+        self.now.take(ticks)
 
     def finish(self) -> WindowJob | None:
         """End the window under way, as a gap does."""
@@ -223,31 +175,27 @@ class WindowIdentifier:
 
     def _look(self) -> WindowJob | None:
         """Look at the window so far; it goes on."""
-        self._looked = True
+        self.now.looked = True
         job = self._close(look=True)
-        self._looking = job is not None
+        if job is not None:
+            self._out = "look"
         return job
 
     def _close(self, full: bool = False, look: bool = False) -> WindowJob | None:
         """End the window, or `look` at it; a job if it is long enough and warm enough and none is under way."""
-        square, heat, inlet = np.array(self._square), np.array(self._heat), np.array(self._inlet)
-        current = np.nan_to_num(np.array(self._current))
-        readings, dt, joined = self._readings, self._dt, self._joined
+        now = self.now
         if not look:
-            self._clear()
-        if not len(square) or len(square) * dt < self._settings.shortest_s or self._pending:
+            self.now = WindowNow()
+        if not now.square or now.length_s < self._settings.shortest_s or self._out:
             return None
-        measured = np.isfinite(heat)
-        square = np.where(measured, 0.0, np.nan_to_num(square))
-        heat = np.where(measured, heat, 0.0)
+        window, measured = now.window()
         R_e, R_u = np.exp(self._guess[[R_E, R_U]])
-        if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
+        if R_u * float(np.mean(window.square * R_e + np.abs(window.heat))) < self._settings.least_rise:
             return None
-        window = Window(square, heat, current, inlet, *readings.whole(), dt)
-        self._from_voltage = bool(measured.mean() > 0.5)
+        self._from_voltage = measured > 0.5
         evidence = self._evidence
         if self._windows:
-            part = np.sqrt(len(square) * dt / WALK_S)
+            part = np.sqrt(now.length_s / WALK_S)
             p, V = len(self._names), len(CARRIED)
             steps = np.full(2 + V, CARRIED_DRIFT) * part
             steps[:2] = max(self._walk, 0.01) * part, self._settings.cooling_drift * part
@@ -255,27 +203,28 @@ class WindowIdentifier:
             along[:p, :2] = lumped_jacobian(self._guess, self._model.has_conduction)[:, [R_E, R_U]]
             along[p : p + V, 2:] = np.eye(V)
             evidence = evidence.forget(along, steps)
-        self._pending = True
+        self._out = "window"
         if full:  # the next window runs on from this one's last instant
-            self._inlet = [float(inlet[-1])]
-        start = self._end if joined else None
-        if not look:
-            self._joined = full
+            self.now = WindowNow([float(window.inlet[-1])], joined=True)
+        start = self._end if now.joined else None
         known = self._settings
-        return WindowJob(self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried)
+        # a model that was wrong a window ago is not right because it fits this one
+        least_doubt = float(np.sqrt(self._doubt))
+        return WindowJob(
+            self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried, least_doubt
+        )
 
     def accept(self, result: Fit) -> None:
         """Take back the result of the last job."""
         p = len(self._names)
-        self._pending = False
+        looked, self._out = self._out == "look", ""
         mean, cov = result.mean, result.cov
         if self._shown > 0.0:
             known, known_sd = np.append(self._prior_mean, 0.0), np.append(self._prior_sd, HEAT_GAIN_SD)
             mean, cov = as_shown(mean, cov, known, known_sd, R_C, self._shown)
         self._mean, self._cov, self._doubt = mean[:p], cov[:p, :p], result.doubt
         self._gain, self._gain_cov = float(mean[p]), cov[p]
-        if self._looking:
-            self._looking = False
+        if looked:
             return
         self._evidence = result.evidence
         self._other_root, self._walk = result.other_root, result.walk
@@ -379,8 +328,8 @@ class WindowIdentifier:
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._gain, self._gain_cov, self._doubt = float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
-        self._pending = False
-        self._clear()
+        self._out = ""
+        self.now = WindowNow()
 
 
 def _since(model: StringModel) -> dict[str, Prior]:

@@ -6,25 +6,19 @@ See `posterior_fit` for the theory.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
-from bms_gateway.identify.contract import log_prior, string_parameters
+from bms_gateway.identify.contract import string_parameters
 from bms_gateway.identify.doubt import noise_factor, sound_sd
 from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
-from bms_gateway.identify.window_start import (
-    FRESH,
-    at_readings,
-    first_start,
-    lateness,
-    start_information,
-    start_map,
-    swing_information,
-)
-from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters
+from bms_gateway.identify.window_means import Means, Sought
+from bms_gateway.identify.window_start import FRESH, first_start, start_information, start_map, swing_information
+from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted likelihood instead of sticking
@@ -32,13 +26,14 @@ WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WAL
 WALK_S = 1200.0
 KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
 WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
-MEAN_S = 4.0  # over which readings are taken together: half a casing's time
 MODEL_SD = 0.14
 """K·√s, white: a model of a cell is not believed better, whatever the sensor. Decides on real cells: core 3 K off with
 0.01; 0.4 blunts the slow time constant."""
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the window before ended there
 MOST_SHARE = 0.5
 """Of a window's heat that one unit of a carried effect may be taken for: more is a window with hardly any heat."""
+V = len(NAMES)
+"""Carried effects."""
 STEEP = 1.5  # largest step of a logarithm in one iteration
 
 
@@ -97,28 +92,12 @@ class Problem:
     def __init__(
         self, model: StringModel, window: Window, evidence: Evidence, start: Floats | None, carried: float
     ) -> None:
-        self.model, self.evidence = model, evidence
-        self.size = carried
-        self.names, self.prior_mean, prior_sd = log_prior(model)
-        self.p, self.V = p, V = len(self.names), len(NAMES)
-        self.P = P = p + V
-        self.info, self.grad = np.ascontiguousarray(evidence.info[:P, :P]), evidence.grad[:P]
-        self.free = np.flatnonzero(prior_sd > 0.0)
-        self.prior_info = np.zeros(p)
-        self.prior_info[self.free] = prior_sd[self.free] ** -2
-        self.lasting = np.concatenate([self.free, np.arange(p, P)])  # what is sought and goes on after the window
-        self.low = np.log([KINDS[s].lower for s in self.names])
-        self.high = np.log([KINDS[s].upper for s in self.names])
-        self.sensed = [k - 1 for k in model.sensors]
-        read = window.surface[:, self.sensed]
-        self.seen = np.isfinite(read)
-        self.late = lateness(window.age, window.dt, self.sensed)
-        K, N = len(window.square), 2 * model.cells
-        self.first = np.arange(0, K, max(1, round(MEAN_S / window.dt)))
-        self.count = np.add.reduceat(self.seen.astype(np.float64), self.first)
-        self.valid = self.count > 0.0
-        self.y = np.where(self.valid, self.mean(read), np.nan)
-        self.dt = window.dt * (self.first[1] if len(self.first) > 1 else 1.0)
+        self.model, self.evidence, self.size = model, evidence, carried
+        self.sought = Sought.of(model)
+        self.info, self.grad = np.ascontiguousarray(evidence.info[: self.P, : self.P]), evidence.grad[: self.P]
+        self.means = Means.of(window.surface, window.age, [k - 1 for k in model.sensors], window.dt)
+        read = window.surface[:, self.means.sensed]
+        K = len(window.square)
         J = max(1, round(K * window.dt / KNOT_S))
         knots = np.linspace(0.0, K, J + 1)
         shapes = np.array([np.interp(np.arange(K) + 0.5, knots, e) for e in np.eye(J + 1)[:J]]).T
@@ -130,18 +109,41 @@ class Problem:
         if start is None:
             start = first_start(read, window.dt, float(window.inlet[0]), model.cells)
         self.swing_info = swing_information(window.inlet)
-        self.N, self.J = N, J
         self.unlike_sd = np.array([model.tolerances.get(f"cell_{s}", 0.0) for s in UNLIKE])
         self.xi0 = np.concatenate([np.zeros(V), start, np.zeros(J + 2)])
-        self.moving = np.concatenate([self.free, np.arange(p, self.P + N + J + 2)])
+        self.moving = np.concatenate([self.sought.free, np.arange(self.p, self.p + len(self.xi0))])
         self.noise = inlet_noise(window.inlet, window.dt)
-        self.by_noise = np.zeros(p + len(self.xi0))
+        self.by_noise = np.zeros(self.p + len(self.xi0))
         self.course = Course.of(
             window.square, window.heat, window.current, window.inlet, window.dt, model.capacity_Ah or CAPACITY_AH
         )
-        self.carried = np.zeros((*self.y.shape, V))
-        self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((N, V)))
-        self.from_voltage = bool(np.any(window.heat != 0.0))
+        self.carried = np.zeros((*self.means.y.shape, V))
+        self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((self.N, V)))
+
+    @property
+    def p(self) -> int:
+        """Count the numbers φ."""
+        return len(self.sought.names)
+
+    @property
+    def P(self) -> int:
+        """Count φ and the coefficients v of the carried effects, which are the first of ξ."""
+        return self.p + V
+
+    @property
+    def N(self) -> int:
+        """Count the numbers of a start."""
+        return len(self.start_info)
+
+    @property
+    def J(self) -> int:
+        """Count the knots of the walk."""
+        return len(self.walk_info)
+
+    @property
+    def lasting(self) -> NDArray[np.intp]:
+        """Places of what is sought and goes on after the window."""
+        return np.concatenate([self.sought.free, np.arange(self.p, self.P)])
 
     def error_floor(self, model_sd: float) -> float:
         """Least sd of a reading about the model, K.
@@ -149,9 +151,9 @@ class Problem:
         The error of the model itself has `model_sd`, K·√s. The model also follows noise of the inlet's readings, which
         no cell feels: by R_c/(R_c + R_u), as the casing follows the coolant before the core does.
         """
-        R_c, R_u = np.exp(self.prior_mean[[R_C, R_U]])
+        R_c, R_u = np.exp(self.sought.mean[[R_C, R_U]])
         followed = self.noise * float(np.sqrt(self.inputs.dt) * R_c / (R_c + R_u))
-        return float(np.hypot(model_sd, followed) / np.sqrt(self.dt))
+        return float(np.hypot(model_sd, followed) / np.sqrt(self.means.dt))
 
     def distrust(self, kept: float) -> None:
         """Keep a share of the evidence so far."""
@@ -163,19 +165,19 @@ class Problem:
         """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
         if not self.model.has_coolant_path or self.model.coolant == "ntu":
             return True
-        p = string_parameters(self.model, self.names, phi)
+        p = string_parameters(self.model, self.sought.names, phi)
         return bool(np.all(p.R_u * p.C_f > 1.001))
 
     def inside(self, phi: Floats, step: Floats) -> Floats:
         """As much of `step` from a feasible φ as stays feasible."""
         step = step * min(1.0, STEEP / max(float(np.max(np.abs(step))), STEEP))
-        while not self.feasible(there := np.clip(phi + step, self.low, self.high)):
+        while not self.feasible(there := np.clip(phi + step, self.sought.low, self.sought.high)):
             step = step / 2.0
         return np.asarray(there, dtype=np.float64)
 
     def sets(self, phi: Floats) -> list[StringParameters]:
         """Strings of φ and of φ with one logarithm more by `STEP` each."""
-        return [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
+        return [string_parameters(self.model, self.sought.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
@@ -183,27 +185,27 @@ class Problem:
         if self.size > 0.0:
             sets, shares = [*sets, sets[0]], [*shares, self.roll(xi, STEP)]
         R = self.respond(sets, xi, shares)
-        f = self.read(R.surface.transpose(1, 2, 0))
+        f = self.means.read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1 : self.p + 1] - f[:, :, :1]) / STEP
         E, _ = start_map(sets[0], self.inputs.inlet[0])
-        by_start, by_input = self.read(R.surface_by_start) @ E, self.read(R.surface_by_input)
+        by_start, by_input = self.means.read(R.surface_by_start) @ E, self.means.read(R.surface_by_input)
         columns = np.concatenate([by_phi, self.carried, by_start, by_input], axis=2)
         if self.size > 0.0:
             columns[:, :, self.p + ROLL_AT] = (f[:, :, -1] - f[:, :, 0]) / STEP
         E, c = start_map(sets[0], self.inputs.inlet[-1])
-        predicted, last = f[:, :, 0] + self.carried @ xi[: self.V], R.last[0] + self.effects.last @ xi[: self.V]
-        return np.where(self.valid, self.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
+        predicted, last = f[:, :, 0] + self.carried @ xi[:V], R.last[0] + self.effects.last @ xi[:V]
+        return np.where(self.means.valid, self.means.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
 
     def carry(self, phi: Floats, xi: Floats) -> None:
         """Take what the carried effects do along the trajectory of (φ, ξ) into use."""
         if self.size == 0.0:
             return
-        p = string_parameters(self.model, self.names, phi)
+        p = string_parameters(self.model, self.sought.names, phi)
         R = self.respond([p], xi, self.roll(xi))
         E, c = start_map(p, self.inputs.inlet[0])
-        x0 = E @ xi[self.V : self.V + self.N] + c
-        self.effects = columns(p, self.course, x0, R.surface[0], self.sensed, self.inputs.dt).times(self.size)
-        self.carried = self.read(self.effects.readings)
+        x0 = E @ xi[V : V + self.N] + c
+        self.effects = columns(p, self.course, x0, R.surface[0], self.means.sensed, self.inputs.dt).times(self.size)
+        self.carried = self.means.read(self.effects.readings)
 
     def effective(self, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
         """Put the carried effects' share of heat and cooling into the numbers of an observer that does not know them.
@@ -220,9 +222,11 @@ class Problem:
         """
         A = np.zeros((self.p + 1, self.P))
         A[: self.p, : self.p] = np.eye(self.p)
-        A[self.p if self.from_voltage else R_E, self.p :] = np.clip(self.effects.shares[0], -MOST_SHARE, MOST_SHARE)
+        A[self.p if np.any(self.inputs.heat != 0.0) else R_E, self.p :] = np.clip(
+            self.effects.shares[0], -MOST_SHARE, MOST_SHARE
+        )
         A[R_U, self.p :] = np.clip(self.effects.shares[1], -MOST_SHARE, MOST_SHARE)
-        fixed = np.setdiff1d(np.arange(self.p), self.free)
+        fixed = np.setdiff1d(np.arange(self.p), self.sought.free)
         A[fixed, self.p :] = 0.0
         return A @ mean, A @ cov @ A.T
 
@@ -232,33 +236,18 @@ class Problem:
 
     def respond(self, sets: list[StringParameters], xi: Floats, share: float | list[float] = 0.0) -> Response:
         """Response of parameter sets with the nuisances ξ, and a share of R_c within the roll, of all or of each."""
-        start = xi[self.V : self.V + self.N]
-        inputs = replace(self.inputs, departure=xi[self.V + self.N : -1], swing=1.0 + float(xi[-1]))
+        start = xi[V : V + self.N]
+        inputs = replace(self.inputs, departure=xi[V + self.N : -1], swing=1.0 + float(xi[-1]))
         starts = (start_map(s, inputs.inlet[0]) for s in sets)
-        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.sensed, share)
-
-    def read(self, Y: Floats) -> Floats:
-        """Surfaces (K + 1, m, …) at the readings' own times, as means over `MEAN_S` (G, m, …)."""
-        return self.mean(at_readings(Y, self.late))
-
-    def mean(self, x: Floats) -> Floats:
-        """Means (G, m, …) over `MEAN_S` of what belongs to readings (K, m, …); 0 where there was none.
-
-        They are means of readings and of what the model says of these, so nothing is lost but what is quicker than
-        `MEAN_S`, which only noise is; and everything that is filtered is as many times shorter.
-        """
-        more = (1,) * (x.ndim - 2)
-        total = np.add.reduceat(np.where(self.seen.reshape(*self.seen.shape, *more), x, 0.0), self.first)
-        return np.asarray(total / np.maximum(self.count, 1.0).reshape(*self.count.shape, *more), dtype=np.float64)
+        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.means.sensed, share)
 
     def whitener(self, sizes: Sizes, scale: float = 1.0) -> Whitener:
-        """Filter of the noise; means of fewer readings have more."""
-        white = sizes.white * scale * np.sqrt(self.count.max() / np.maximum(self.count, 1.0))
-        return Whitener.of(self.valid, white, sizes.slow * scale, sizes.tau, self.dt)
+        """Filter of the noise."""
+        return self.means.whitener(sizes.white * scale, sizes.slow * scale, sizes.tau)
 
     def nuisance_info(self, walk: float) -> Floats:
         """P⁻¹ over ξ, without the carried effects' prior."""
-        first, end = self.V, self.V + self.N
+        first, end = V, V + self.N
         out = np.zeros((end + self.J + 2,) * 2)
         out[first:end, first:end] = self.start_info
         out[end:-2, end:-2] = self.walk_info / walk**2
@@ -287,7 +276,7 @@ class Problem:
         g[p:] += info @ off
         g -= self.by_noise
         cost -= float(self.by_noise @ np.concatenate([phi, xi]))
-        prior = self.prior_info @ (phi - self.prior_mean) ** 2 + xi[: self.V] @ xi[: self.V]
+        prior = self.sought.info @ (phi - self.sought.mean) ** 2 + xi[:V] @ xi[:V]
         cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
         return Point(phi, xi, *seen, H, g, cost)
 
@@ -296,7 +285,7 @@ class Problem:
         D = np.eye(self.P)
         D[: self.p, : self.p] = lumped_jacobian(phi, self.model.has_conduction)
         z = lumped(phi, self.model.has_conduction) - self.evidence.z0
-        return D, np.concatenate([z, xi[: self.V]])
+        return D, np.concatenate([z, xi[:V]])
 
     def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> Point:
         """Simulate, and gather Hessian and gradient."""
@@ -313,8 +302,8 @@ class Problem:
 
     def prior(self, point: Point) -> tuple[Floats, Floats]:
         """Diagonal information (P,) of the prior over (φ, v), and its gradient (P,) at a point."""
-        info = np.append(self.prior_info, np.ones(self.V))
-        return info, info * np.concatenate([point.phi - self.prior_mean, point.xi[: self.V]])
+        info = np.append(self.sought.info, np.ones(V))
+        return info, info * np.concatenate([point.phi - self.sought.mean, point.xi[:V]])
 
     def minimise(self, phi: Floats, xi: Floats, sizes: Sizes, scale: float, most: int) -> Point:
         """Levenberg–Marquardt from (φ, ξ) with noise times `scale`."""
@@ -340,7 +329,7 @@ class Problem:
         does, and all else is nearly linear.
         """
         H, g = self.with_prior(here)
-        f, p = len(self.free), self.p
+        f, p = len(self.sought.free), self.p
         top = float(np.max(np.diag(H)[:f], initial=1.0))
         while damping <= 1e6 * top:
             A = H.copy()
@@ -348,7 +337,7 @@ class Problem:
             move = np.zeros(p + len(here.xi))
             move[self.moving] = -np.linalg.solve(A, g)
             for part in (move, 0.5 * move):
-                phi = np.clip(here.phi + part[:p], self.low, self.high)
+                phi = np.clip(here.phi + part[:p], self.sought.low, self.sought.high)
                 if np.max(np.abs(part[:p])) > STEEP or not self.feasible(phi):
                     continue
                 there = self.at(phi, here.xi + part[p:], whitener, walk)
@@ -362,7 +351,7 @@ class Problem:
         self.carry(phi, xi)
         here = self.at(phi, xi, self.whitener(sizes), sizes.walk)
         H, g = self.with_prior(here)
-        rest = slice(len(self.free), None)
+        rest = slice(len(self.sought.free), None)
         return here.cost - 0.5 * float(g[rest] @ np.linalg.solve(H[rest, rest], g[rest]))
 
     def choose(self, at: Point, white_floor: float) -> Sizes:
@@ -391,7 +380,13 @@ class Problem:
         W = self.whitener(sizes)
         swing = 1.0 + float(at.xi[-1])
         slopes = self.noise**2 * slopes_by_noise(
-            self.sets(at.phi), STEP, len(self.seen), self.inputs.dt, swing, self.sensed, lambda Y: W(self.read(Y))
+            self.sets(at.phi),
+            STEP,
+            len(self.means.seen),
+            self.inputs.dt,
+            swing,
+            self.means.sensed,
+            lambda Y: W(self.means.read(Y)),
         )
         heard = float(np.sum(W(at.columns[:, :, -1:]) ** 2))
         self.by_noise[: self.p], self.by_noise[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
@@ -410,8 +405,8 @@ class Problem:
     def with_cells(self, point: Point, sizes: Sizes) -> tuple[Floats, Floats]:
         """Information and gradient as of `marginal`, over (φ, v) and the departures u of single cells."""
         P, r = self.P, len(point.g)
-        base = string_parameters(self.model, self.names, point.phi)
-        f = self.read(self.respond([base, *unlike(base, STEP)], point.xi).surface.transpose(1, 2, 0))
+        base = string_parameters(self.model, self.sought.names, point.phi)
+        f = self.means.read(self.respond([base, *unlike(base, STEP)], point.xi).surface.transpose(1, 2, 0))
         by_cell = ((f[:, :, 1:] - f[:, :, :1]) / STEP).reshape(*f.shape[:2], len(UNLIKE), self.model.cells)
         by_cell = self.unlike_sd[:, None] * (by_cell - by_cell.mean(axis=3, keepdims=True))
         columns = np.concatenate([point.columns, by_cell.reshape(*f.shape[:2], -1)], axis=2)
@@ -443,7 +438,7 @@ class Problem:
 
     def _inverted(self, info: Floats) -> Floats:
         """Covariance (P, P) by information with the prior added; zero for what is fixed."""
-        post = info + np.diag(np.append(self.prior_info, np.ones(self.V)))
+        post = info + np.diag(np.append(self.sought.info, np.ones(V)))
         cov = np.zeros_like(post)
         part = np.ix_(self.lasting, self.lasting)
         cov[part] = np.linalg.inv(post[part])
@@ -459,10 +454,10 @@ class Problem:
             φ of both roots.
         sizes : Sizes
         """
-        sound = np.array([sound_sd(s) for s in (*self.names, *NAMES)])[self.lasting]
-        sd = np.append(self.prior_info, np.ones(self.V))[self.lasting] ** -0.5
-        off = np.append(mean - self.prior_mean, point.xi[: self.V])[self.lasting]
-        if not len(self.free) or np.all(np.abs(off) <= sound * sd):
+        sound = np.array([sound_sd(s) for s in (*self.sought.names, *NAMES)])[self.lasting]
+        sd = np.append(self.sought.info, np.ones(V))[self.lasting] ** -0.5
+        off = np.append(mean - self.sought.mean, point.xi[:V])[self.lasting]
+        if not len(self.sought.free) or np.all(np.abs(off) <= sound * sd):
             return 1.0  # as nearly always: what the data tell needs no looking at
         part = np.ix_(self.lasting, self.lasting)
         known = np.diag(sd**-2)

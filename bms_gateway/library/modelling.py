@@ -178,6 +178,9 @@ def read_records(
     UsageError, ConfigError, DataError
         One line: file, place, what is wrong.
     """
+    for file in files:
+        if not isinstance(file, str | Path):
+            raise UsageError(f"read_records: a file is a path, not a {type(file).__name__}; give several one by one")
     if not files:
         raise UsageError("read_records: name at least one table or log")
     place = None if config is None else Path(config)
@@ -264,7 +267,7 @@ def compare(model: StringModel, records: Records) -> Compared:
     Raises
     ------
     DataError
-        The records are too short to be compared.
+        The records are too short or have too few readings to be compared.
     """
     some = _several(records)
     findings, notes = findings_and_notes(model, some)

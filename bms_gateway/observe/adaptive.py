@@ -20,13 +20,13 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.bands import Bands, Deviations, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
-from bms_gateway.observe.cell_scatter import apart_by, exchanged, own_rise, prior_covariance, root
+from bms_gateway.observe.cell_scatter import apart_by, own_rise, root
 from bms_gateway.observe.consider import Belief
-from bms_gateway.observe.covariance_steps import EVERY, READ_WITHIN
+from bms_gateway.observe.covariance_steps import EVERY
 from bms_gateway.observe.estimate import Errors, Estimate
-from bms_gateway.observe.flow import at_level, flow_levels
 from bms_gateway.observe.forecast_start import Standing
 from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
+from bms_gateway.observe.in_force import Heard, InForce
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
@@ -81,44 +81,34 @@ class AdaptiveObserver:
         if len({m.cells for m in models}) != 1:
             raise ValueError("an observer stacks strings with equal numbers of cells")
         disturbance, start = disturbance or Disturbance(), start or Start()
-        self._models, self._dt, self._strings, self._cells = tuple(models), float(dt), len(models), models[0].cells
-        self._parameters = [m.nominal for m in models]
-        self._level = np.zeros(self._strings, np.int64)
+        self._dt, self._of, S, n = float(dt), InForce.of(models, heat_rel_sd), len(models), models[0].cells
         widest = max(len(m.sensors) for m in models)
-        sensors, fitted = np.zeros((self._strings, widest), np.int64), np.zeros((self._strings, widest), np.bool_)
+        sensors, fitted = np.zeros((S, widest), np.int64), np.zeros((S, widest), np.bool_)
         for s, m in enumerate(models):
             sensors[s, : len(m.sensors)] = np.array(m.sensors, np.int64) - 1
             fitted[s, : len(m.sensors)] = True
-        in_force = [self._in_force(s) for s in range(self._strings)]
+        in_force = self._of.strings()
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._bands = Bands(models, sensors, fitted)
         self.surprise = surprise_of(in_force, sensors, dt, disturbance.sensor, several)
-        self._rebuild()
-        self._everywhere = np.arange(self._strings)
-        self._all_known = np.ones((self._strings, OFFSETS), np.bool_)
-        self._starts = np.stack(
-            [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
-        )
-        M = 2 * self._cells + OFFSETS
-        self._state = self._kalman.init(np.zeros((self._strings, M)), np.repeat(self._starts[:1], self._strings, 0))
-        self._blocks = Blocks(self._strings, self._cells, widest)
+        self._bands.pace(self._of.parameters, self._dt)
+        self.surprise.set_parameters(self._of.parameters)
+        self._everywhere = np.arange(S)
+        self._all_known = np.ones((S, OFFSETS), np.bool_)
+        self._starts = np.stack([start_covariance(n, start, disturbance, inlet_known=known) for known in (False, True)])
+        self._state = self._kalman.init(np.zeros((S, 2 * n + OFFSETS)), np.repeat(self._starts[:1], S, 0))
+        self._blocks = Blocks(S, n, widest)
         self._left = 0  # steps that may wait before the next block is full
         self._share_of_usual = faded(self._dt, disturbance.correlation)
-        self._cov = np.stack([prior_covariance(m, heat_rel_sd) for m in models])
-        self._root = np.stack([root(c) for c in self._cov])
-        self._gain, self._inlet = np.ones(self._strings), np.zeros(self._strings)
-        self._unread = np.full(sensors.shape, np.inf)
-        self._usual, self._available = Usual.nothing(self._strings, self._cells), np.zeros(self._strings, np.bool_)
-        self._resting = b""  # which readings the bands rest on; nothing: to be found out
-        self._rested = False  # they rest on those of all sensors
-        self._everyone = self._fresh = False  # every string is available; every sensor was read in the newest step
-        self._reading_sd = np.full(sensors.shape, np.nan)
+        self._inlet, self._heard = np.zeros(S), Heard.nothing(sensors.shape)
+        self._usual, self._available = Usual.nothing(S, n), np.zeros(S, np.bool_)
+        self._everyone = False  # every string is available
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
         """Numbers of the strings at nominal flow."""
-        return tuple(self._parameters)
+        return tuple(self._of.parameters)
 
     @property
     def covariances(self) -> Floats:
@@ -128,7 +118,7 @@ class AdaptiveObserver:
     @property
     def share(self) -> Floats:
         """Heat of each cell (S, n) over the mean of its string: by their R_e."""
-        return self._share
+        return self._of.share
 
     def step(
         self, I2: Floats, heat: Floats | None, inlet: Floats, y: Floats, age: Floats, flow_ratio: Floats | None = None
@@ -153,7 +143,9 @@ class AdaptiveObserver:
         Estimate
         """
         if flow_ratio is not None:
-            self._follow_flow(flow_ratio)
+            moved = self._of.follow_flow(flow_ratio)
+            if len(moved):
+                self._exchange(moved)
         self._begin(inlet, y)
         electric, given, known_heat = self._heat(I2, heat)
         known = self._all_known
@@ -171,20 +163,20 @@ class AdaptiveObserver:
         state, innovation = self._kalman.update(predicted, y, age)
         self._state, self._inlet = state, inlet1
         surface = y.take(self._kalman.cell)
-        grown = self.surprise.step(surface, innovation.value, innovation.sd, self._reading_sd, known, inlet1)
+        grown = self.surprise.step(surface, innovation.value, innovation.sd, self._heard.sd, known, inlet1)
         if grown is not None:
             self._state, self._left = self._kalman.loosened(self._state, grown), 0
         if self._left > 0 and state.K is predicted.before.K:
             self._left -= 1
             self._blocks.wait(predicted, given)
-            if not self._fresh:
-                self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
+            if not self._heard.fresh:
+                self._heard.take(np.isfinite(innovation.value), self._dt)
         else:
             self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
         levers = self._levers()
         self._bands.follow(levers)
         sd = self._bands.told(levers, None if self._everyone else self._available)
-        return self._estimate(levers, sd, innovation.value, self.surprise.rounded(self._reading_sd))
+        return self._estimate(levers, sd, innovation.value, self.surprise.rounded(self._heard.sd))
 
     def _turn(self, news: Bools, known: Bools, inlet: Floats) -> None:
         """Take in which inputs (S, 2) are back or lost, before the step that they come with or are missed in."""
@@ -194,7 +186,7 @@ class AdaptiveObserver:
         x, P, J = state.x.copy(), state.P.copy(), self._blocks.J
         for s in at:
             moved = float(inlet[s] - self._inlet[s])
-            b = resumed(Belief(x[s], P[s], J[s]), news[s] & known[s], moved, self._cov[s], disturbance)
+            b = resumed(Belief(x[s], P[s], J[s]), news[s] & known[s], moved, self._of.cov[s], disturbance)
             if news[s, 1] and not known[s, 1]:
                 b = unknown_heat(b, float(usual[s]), disturbance)
             x[s], P[s], J[s] = b.z, b.P, b.J
@@ -204,9 +196,8 @@ class AdaptiveObserver:
         self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
     ) -> None:
         """Take a step with the sensitivities that do not wait any longer, and look at their strings' bands anew."""
-        there = np.isfinite(innovation.value)
-        self._unread = np.where(there, 0.0, self._unread + self._dt)
-        self._fresh = bool((self._unread == 0.0).all())
+        self._heard.take(np.isfinite(innovation.value), self._dt)
+        self._heard.fresh = bool((self._heard.unread == 0.0).all())
         blocks, state, kalman = self._blocks, self._state, self._kalman
         moved = state.since == 0
         at = np.flatnonzero(moved | (blocks.waiting >= BLOCK))
@@ -214,28 +205,28 @@ class AdaptiveObserver:
         if len(at):
             J0 = blocks.caught_up(at, self._flows, kalman, step.before)
             middle = (chosen(step.before.x, at) + chosen(step.x, at)) / 2.0
-            heat = np.zeros((len(at), self._cells)) if given is None else chosen(given, at)
+            heat = np.zeros((len(at), self._of.cells)) if given is None else chosen(given, at)
             forcing = self._flows.of_strings(at).forcing(middle, chosen(electric, at), heat, chosen(inlet, at))
             J = carried(J0, chosen(kalman.model.A, at), forcing, self._dt)
             J, seen = corrected(J, J0, chosen(state.K, at), chosen(kalman.sensors, at), chosen(innovation.lag, at))
-            self._bands.know(at, state.P, J, self._root, seen)
+            self._bands.know(at, state.P, J, self._of.root, seen)
         blocks.wait(step, given)
         blocks.put(at, J)
         blocks.forget(np.flatnonzero(moved), state)
         self._left = BLOCK - int(blocks.waiting.max())
-        self._reading_sd = self._bands.of_readings(innovation.sd)
+        self._heard.sd = self._bands.of_readings(innovation.sd)
 
     def estimate(self) -> Estimate:
         """Tell where the strings are now, with no innovation; nothing changes."""
         J = self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state)
-        levers, nothing = self._levers(), np.full(self._unread.shape, np.nan)
-        sd = self._bands.now(self._state.P, J, self._root, levers, self._available)
+        levers, nothing = self._levers(), np.full(self._heard.unread.shape, np.nan)
+        sd = self._bands.now(self._state.P, J, self._of.root, levers, self._available)
         return self._estimate(levers, sd, nothing, nothing)
 
     def standing(self) -> Standing:
         """Tell all that a forecast starts from; bands are as late as the steps that wait."""
-        now = self._state.x, self._state.P, self._blocks.J.copy(), self._root, tuple(self._parameters), self._level
-        own = self._gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
+        now = self._state.x, self._state.P, self._blocks.J.copy(), self._of.root, self.parameters, self._of.level
+        own = self._of.gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
         return Standing(*now, *own, self._available, self._kalman.model.disturbance)
 
     def set_parameters(
@@ -267,26 +258,19 @@ class AdaptiveObserver:
         ConfigError
             Bulk coolant node with R_u C_f ≤ 1 at nominal flow.
         """
-        old = self._parameters[s]
-        now = {k: getattr(old, k) for k in self._models[s].priors}
-        new = self._models[s].parameters({**now, **{k: v for k, v in values.items() if k in now}})
-        gain = float(values.get("heat", self._gain[s]))
-        moved, apart = apart_by(old, new, gain / self._gain[s])
+        old, new = self._of.parameters[s], self._of.moved(s, values)
+        gain = float(values.get("heat", self._of.gain[s]))
+        moved, apart = apart_by(old, new, gain / self._of.gain[s])
         rise, over, gap = self._levers()[:3, s]
-        self._parameters[s] = new
+        self._of.exchange(s, new, gain, names, covariance)
         self._exchange(np.array([s]))
         self.surprise.settle(s)
-        self._gain = self._gain.copy()
-        self._gain[s] = gain
         x = self._state.x.copy()
         x[s] += self._blocks.J[s] @ moved
         if self._available[s]:
             x[s, :-OFFSETS] += own_rise(apart, rise, over, gap)
         self._bands.move(s, x[s] - self._state.x[s])
         self._state = replace(self._state, x=x)
-        cov = exchanged(self._cov[s], [PARAMETERS.index(name) for name in names], covariance)
-        self._cov, self._root = self._cov.copy(), self._root.copy()
-        self._cov[s], self._root[s] = cov, root(cov)
         self._bands.differ(s, own)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
@@ -312,7 +296,7 @@ class AdaptiveObserver:
             state = self._kalman.caught_up(self._state, self._everywhere)
             x, P, J = opened(state.x, state.P, J, gap_s, usual, disturbance)
             self._state = replace(state, x=x, P=P)
-        in_force = [self._in_force(s) for s in range(self._strings)]
+        in_force = self._of.strings()
         inlet1 = self._inlet if inlet is None else np.where(np.isfinite(inlet), inlet, self._inlet)
 
         def over(parameters: Sequence[StringParameters]) -> StackedModel:
@@ -326,19 +310,19 @@ class AdaptiveObserver:
             more = [unseen_phases(a, gap_s, float(q), disturbance) for a, q in zip(A, usual, strict=True)]
             self._state = replace(self._state, P=self._state.P + np.stack(more))
         self._bands.rest(self._state.x, gap_s)
-        self._inlet, self._unread = inlet1.copy(), self._unread + gap_s
+        self._inlet = inlet1.copy()
+        self._heard.pass_time(gap_s)
         self._usual = self._usual.aged(faded(gap_s, disturbance.correlation))
-        self._fresh = False
         return self.estimate()
 
     def propagate_unknown(self) -> None:
         """Carry all strings over a time of which nobody knows how long it was: a clock that is not to be believed."""
         self._catch_up(self._everywhere)
-        state, inlet, usual, unread = self._state, self._inlet, self._usual, self._unread
+        state, inlet, usual, unread = self._state, self._inlet, self._usual, self._heard.unread
         J = self._blocks.J.copy()
         self.propagate(RESTED_S)
         rested, J_rested = self._state, self._blocks.J.copy()
-        self._state, self._inlet, self._usual, self._unread = state, inlet, usual, unread
+        self._state, self._inlet, self._usual, self._heard.unread = state, inlet, usual, unread
         self._blocks.put(self._everywhere, J)
         self.propagate(JUST_LEFT_S, unseen=True)
         x, P = either(self._state.x, self._state.P, rested.x, rested.P)
@@ -348,11 +332,11 @@ class AdaptiveObserver:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
-        own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT} | self._usual.snapshot()
+        own = {name: plain(value) for name, value in self._kept().items()} | self._usual.snapshot()
         own["J"] = plain(self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state))
         block = self._blocks.snapshot() | self._bands.snapshot()
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
-        values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
+        values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._of.parameters]
         cells = plain(self._bands.own) if self._bands.owned else None
         found = {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
         return found | {"surprise": self.surprise.snapshot()}
@@ -366,14 +350,14 @@ class AdaptiveObserver:
             It belongs to other strings, something is missing in it, or it holds no numbers.
         """
         try:
-            stored = {"gain": np.ones(self._strings).tolist(), **snapshot["own"]}  # older states know no gain
-            own = {k: like(stored[k], getattr(self, f"_{k}")) for k in _KEPT}
+            stored = {"gain": np.ones(len(self._inlet)).tolist(), **snapshot["own"]}  # older states know no gain
+            own = {k: like(stored[k], value) for k, value in self._kept().items()}
             usual = self._usual.restored(snapshot["own"])
             names = [f.name for f in fields(KalmanState)]
             state = KalmanState(**{k: like(snapshot["state"][k], getattr(self._state, k)) for k in names})
             J = like(snapshot["own"]["J"], self._blocks.J)
             surprise = self.surprise.restored(snapshot.get("surprise"))
-            blocks = Blocks(self._strings, self._cells, self._unread.shape[1])
+            blocks = Blocks(len(self._inlet), self._of.cells, self._heard.unread.shape[1])
             block = snapshot.get("block")  # states of before sensitivities went in blocks have none that waits
             if block is None:
                 blocks.put(self._everywhere, J)
@@ -381,11 +365,11 @@ class AdaptiveObserver:
                 blocks.restore(block)
             cells = snapshot.get("cells")
             owned = self._bands.own if cells is None else like(cells, self._bands.own)
-            bands = Bands(self._models, self._kalman.sensors, self._kalman.fitted)
+            bands = Bands(self._of.models, self._kalman.sensors, self._kalman.fitted)
             bands.rest(state.x, RESTED_S)
             if block is not None:
                 bands.restore(block, state.P, blocks.J, np.stack([root(c) for c in own["cov"]]))
-            values = zip(self._models, self._parameters, snapshot["parameters"], strict=True)
+            values = zip(self._of.models, self._of.parameters, snapshot["parameters"], strict=True)
             parameters = [
                 m.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in m.priors}) for m, p, v in values
             ]
@@ -395,16 +379,22 @@ class AdaptiveObserver:
             np.isfinite(a).all() for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned, bands.lag)
         ):
             raise StateError("observer state: holds values that are not numbers")
-        for name, value in own.items():
-            setattr(self, f"_{name}", value)
-        self._parameters, self._state, self._usual = parameters, state, usual
-        self.surprise, self._root = surprise, np.stack([root(c) for c in self._cov])
+        self._of.restore(parameters, own["level"], own["cov"], own["gain"])
+        self._inlet, self._available = own["inlet"], own["available"]
+        self._heard.unread, self._heard.fresh = own["unread"], False
+        self._state, self._usual, self.surprise = state, usual, surprise
         bands.own, bands.owned = owned, cells is not None
         self._blocks, self._bands = blocks, bands
-        self._everyone, self._fresh = bool(self._available.all()), False
+        self._everyone = bool(self._available.all())
         self._exchange(self._everywhere, restored=True)
         if block is None:
-            bands.know(self._everywhere, state.P, J, self._root, np.zeros((*self._unread.shape, len(PARAMETERS))))
+            bands.know(self._everywhere, state.P, J, self._of.root, np.zeros((*own["unread"].shape, len(PARAMETERS))))
+
+    def _kept(self) -> dict[str, Any]:
+        """List what a snapshot holds beside the filter's state and the parameters."""
+        of, heard = self._of, self._heard
+        found = {"cov": of.cov, "gain": of.gain, "inlet": self._inlet, "unread": heard.unread, "level": of.level}
+        return {**found, "available": self._available}
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings of which something is heard for the first time."""
@@ -428,11 +418,11 @@ class AdaptiveObserver:
 
     def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Floats, Floats | None, Bools]:
         """Heat from I²R_e, heat given, and whether either was there; else the usual heat of the last minutes."""
-        electric = I2[:, None] * self._R_e
+        electric = I2[:, None] * self._of.R_e
         given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
             electric = np.where(measured, 0.0, electric)
-            given = np.where(measured, self._gain[:, None] * heat, 0.0)
+            given = np.where(measured, self._of.gain[:, None] * heat, 0.0)
             known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
         every = bool(known.all())
         if not every:
@@ -441,19 +431,10 @@ class AdaptiveObserver:
         self._usual = self._usual.after(whole, self._share_of_usual, every or known[:, None])
         return electric, given, known
 
-    def _follow_flow(self, ratio: Floats) -> None:
-        if np.isnan(ratio).all():
-            return
-        self._level, moved = flow_levels(ratio, self._level)
-        if moved.any():
-            self._exchange(np.flatnonzero(moved))
-
-    def _in_force(self, s: int) -> StringParameters:
-        return at_level(self._parameters[s], int(self._level[s]))
-
     def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
-        self._left, self._resting, self._rested = 0, b"", False
+        self._left = 0
+        self._heard.forget()
         if not restored:
             self._catch_up(at)
             state = self._kalman.caught_up(self._state, at)
@@ -461,16 +442,11 @@ class AdaptiveObserver:
             held[at] = np.minimum(held[at], EVERY - 1)  # a little change: the next step is computed, then short strides
             self._state = replace(state, held=held)
         self._blocks.forget(at)
-        in_force = [self._in_force(int(s)) for s in at]
+        in_force = [self._of.string(int(s)) for s in at]
         self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
         self._flows = self._flows.exchanged(at, Flows.of(in_force))
-        self._rebuild()
-
-    def _rebuild(self) -> None:
-        self._R_e = np.stack([p.R_e for p in self._parameters])
-        self._share: Floats = np.asarray(self._R_e / self._R_e.mean(axis=1, keepdims=True), dtype=np.float64)
-        self._bands.pace(self._parameters, self._dt)
-        self.surprise.set_parameters(self._parameters)
+        self._bands.pace(self._of.parameters, self._dt)
+        self.surprise.set_parameters(self._of.parameters)
 
     def _catch_up(self, at: Ints) -> None:
         """Let the sensitivities of the strings `at` make the steps that wait."""
@@ -483,14 +459,6 @@ class AdaptiveObserver:
 
     def _levers(self) -> Levers:
         """Tell what cells' own numbers stand behind; what surfaces rest on is found anew where that has changed."""
-        if not (self._fresh and self._rested):
-            read = self._unread <= READ_WITHIN
-            self._rested = bool(read.all())
-            if self._resting != read.tobytes():
-                self._bands.rest_on(self._flows, self._kalman.sensors, read)
-                self._resting = read.tobytes()
+        if (read := self._heard.newly()) is not None:
+            self._bands.rest_on(self._flows, self._kalman.sensors, read)
         return self._bands.levers(self._state.x, self._inlet)
-
-
-_KEPT = ("cov", "gain", "inlet", "unread", "level", "available")
-"""Attributes beside the filter's state and the parameters that a snapshot holds."""

@@ -48,18 +48,29 @@ class Belief:
         return Belief(self.z, P, self.J)
 
 
-def conditioned(
-    before: Belief,
-    now: Belief,
-    Phi: Floats,
-    H: Floats,
-    G: Floats,
-    r: Floats,
-    w: Floats,
-    cov: Floats,
-    sd: float,
-) -> tuple[Belief, Floats]:
-    """Take m readings in.
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings of m sensors in one step.
+
+    Attributes
+    ----------
+    H, G : ndarray (m, M), (m, p)
+        Their slopes by the state, and by the numbers at a given state.
+    r, w : ndarray (m,)
+        Readings less predictions, K; their lag as a share of the step.
+    sd : float, K
+        Noise of a reading.
+    """
+
+    H: Floats
+    G: Floats
+    r: Floats
+    w: Floats
+    sd: float
+
+
+def conditioned(before: Belief, now: Belief, Phi: Floats, read: Readings, cov: Floats) -> tuple[Belief, Floats]:
+    """Take readings in.
 
     Parameters
     ----------
@@ -67,30 +78,28 @@ def conditioned(
         One step ago, and carried to now.
     Phi : ndarray (M, M)
         Transition between them.
-    H, G : ndarray (m, M), (m, p)
-        Slopes of the readings by the state, and by the numbers at a given state.
-    r, w : ndarray (m,)
-        Readings less predictions, K; their lag as a share of the step.
+    read : Readings
+        Of m sensors.
     cov : ndarray (p, p)
-    sd : float, K
-        Noise of a reading.
+        Of the numbers.
 
     Returns
     -------
     Belief
     sd : ndarray (m,), K
-        What `r` should be, the numbers' uncertainty included.
+        What `read.r` should be, the numbers' uncertainty included.
     """
+    H, w = read.H, read.w
     v = 1.0 - w
     HP, HAP = H @ now.P, H @ before.P @ Phi.T
     U = (v[:, None] * HP + w[:, None] * HAP).T
     cross = v[:, None] * w * (HAP @ H.T).T
     S = np.outer(v, v) * (HP @ H.T) + cross + cross.T + np.outer(w, w) * (H @ before.P @ H.T)
-    S[np.diag_indices_from(S)] += sd**2
-    G = v[:, None] * (H @ now.J) + w[:, None] * (H @ before.J) + G
+    S[np.diag_indices_from(S)] += read.sd**2
+    G = v[:, None] * (H @ now.J) + w[:, None] * (H @ before.J) + read.G
     Sigma_G = cov @ G.T
     total = S + G @ Sigma_G
     K = np.linalg.solve(total, (U + now.J @ Sigma_G).T).T
     KU = K @ U.T
     P = now.P - KU - KU.T + K @ S @ K.T
-    return Belief(now.z + K @ r, (P + P.T) / 2.0, now.J - K @ G), np.sqrt(np.diag(total))
+    return Belief(now.z + K @ read.r, (P + P.T) / 2.0, now.J - K @ G), np.sqrt(np.diag(total))

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.cell_scatter import exchanged, root, scatter
-from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.consider import Belief, Readings, conditioned
+from bms_gateway.observe.considered import Considered, Forced, Linearised, slopes_of_readings
 from bms_gateway.observe.covariance_steps import READ_WITHIN
 from bms_gateway.observe.effect_bands import deviations, unlike_of
 from bms_gateway.observe.effect_inputs import Inputs
@@ -30,18 +30,13 @@ from bms_gateway.observe.outlook_effects import EffectStanding
 from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
-from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
+from bms_gateway.observe.uncertain import EffectNumber, Uncertain, effect_numbers
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
-from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
-from bms_gateway.thermal.physics import Memory, Numbers, Physics
+from bms_gateway.thermal.centre import followed, hottest, time_constant
+from bms_gateway.thermal.physics import Memory, Numbers
 from bms_gateway.thermal.system import System
 
-BLOCK = 10
-"""Steps whose inputs are gathered before the sensitivities feel them: far below the time constant of a core."""
-STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
-"""The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
-within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
 COLDEST, HOTTEST = -100.0, 400.0
 """°C: a model that runs away is held there, and goes on being corrected by the readings."""
 FLOW_UNSEEN = 0.1
@@ -89,37 +84,32 @@ class EffectObserver:
         *,
         several: bool = False,
     ) -> None:
-        self._model, self._dt = model, float(dt)
+        self._dt = float(dt)
         self._disturbance, self._start = disturbance or Disturbance(), start or Start()
-        self._physics = Physics(model)
-        self.uncertain, self._cov = uncertain(model)  # numbers not known exactly, and how they vary
-        self._root, self._scatter = root(self._cov), scatter(model)
+        self._of = Considered.of(model)
         self._sensors = np.array(model.sensors, np.int64) - 1
-        self._values = {k: np.array(prior.value, np.float64) for k, prior in model.priors.items()}
-        self._v = self._physics.numbers(self._values)
-        n, D, p = model.cells, self._physics.states, len(self.uncertain)
-        self.belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
-        self._F, self._G = np.zeros((D + OFFSETS, p)), np.zeros((n, p))
+        n, M, p = model.cells, self._of.physics.states + OFFSETS, len(self.uncertain)
+        self.belief = Belief(np.zeros(M), np.eye(M), np.zeros((M, p)))
+        self._forced, self._G = Forced.nothing(M, p), np.zeros((n, p))
         self._seen, self._coolant, self._lag = np.zeros(n), np.zeros(n), np.zeros(n)
         self.surprise = surprise_of(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor, several)
-        self._centre, self._effective = centre_share(model), (nan, 0.0)
+        self._effective = (nan, 0.0)
         self._unread, self._available = np.full(len(self._sensors), np.inf), np.array(False)
         self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
         self._carry: dict[str, Floats] = {}
-        # inputs and states since the sensitivities were last forced, and the memories at that time
-        self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
-        self._carries: dict[str, dict[str, Floats]] = {}
-        # where the Jacobian was taken, and how many steps ago
-        self._at, self._at_row, self._age = np.zeros(D + OFFSETS), self._inputs.row, 0
-        self._at_memory: dict[str, Floats] = {}
+        self._line = Linearised(np.zeros(M), self._inputs.row)
         # for a step that knows where inlet and flow have gone: state, length, whether current may have flowed
         self._before_gap: tuple[dict[str, Any], float, bool] | None = None
-        self._tangent: Tangent | None = None
+
+    @property
+    def uncertain(self) -> tuple[Uncertain, ...]:
+        """Numbers that are not known exactly."""
+        return self._of.uncertain
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
         """Numbers of the string at nominal flow."""
-        return (self._v.string,)
+        return (self._of.now.string,)
 
     @property
     def covariances(self) -> Floats:
@@ -129,7 +119,7 @@ class EffectObserver:
     @property
     def effect_numbers(self) -> list[EffectNumber]:
         """Numbers of the effects in force."""
-        return effect_numbers(self._model, self._v, self.uncertain, self._cov)
+        return effect_numbers(self._of.model, self._of.now, self.uncertain, self._of.cov)
 
     @property
     def read(self) -> Floats:
@@ -143,7 +133,7 @@ class EffectObserver:
 
     @property
     def _usual_heat(self) -> float:
-        return float(self._inputs.usual.mean[0, 1] * np.mean(self._v.string.R_e))
+        return float(self._inputs.usual.mean[0, 1] * np.mean(self._of.now.string.R_e))
 
     def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
         """Advance one step and take the readings in.
@@ -167,7 +157,7 @@ class EffectObserver:
             self._carried(gap_s, unseen, m.inlet, m.flow)
         self._before_gap = None
         knew, known = self._inputs.known, self._inputs.measured(m)
-        before = resumed(self.belief, known & ~knew, m.inlet - self._inputs.inlet, self._cov, self._disturbance)
+        before = resumed(self.belief, known & ~knew, m.inlet - self._inputs.inlet, self._of.cov, self._disturbance)
         if knew[1] and not known[1]:
             before = unknown_heat(before, self._usual_heat, self._disturbance)
         row = self._inputs.take(m)
@@ -182,16 +172,15 @@ class EffectObserver:
         if len(at):
             w = np.clip(np.nan_to_num(age[at]) / self._dt, 0.0, 1.0)
             r[0, at] = y[at] - ((1.0 - w) * seen[at] + w * self._seen[at])
-            after, r_sd[0, at] = conditioned(
-                before, now, tangent.Phi, tangent.H[at], self._G[at], r[0, at], w, self._cov, self._disturbance.sensor
-            )
+            read = Readings(tangent.H[at], self._G[at], r[0, at], w, self._disturbance.sensor)
+            after, r_sd[0, at] = conditioned(before, now, tangent.Phi, read, self._of.cov)
         self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
         if not after.finite:  # no number of the model leads here but a senseless one: begin anew
             self._available = np.array(False)
             return self.estimate()
         self.belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
         self._widen(now, y, r, r_sd)
-        self._force(row, before.z)
+        self._forced.add(row, before.z, self._of, self._dt)
         self._follow(self._dt)
         return self._estimate(r, r_sd)
 
@@ -207,17 +196,17 @@ class EffectObserver:
 
     def estimate(self) -> Estimate:
         """Tell where the string is now, with no innovation; nothing changes."""
-        return self._estimate(*np.full((2, 1, self._model.cells), nan))
+        return self._estimate(*np.full((2, 1, self._of.model.cells), nan))
 
     def standing(self) -> EffectStanding:
         """Tell all that a forecast starts from."""
         b, i, there = self.belief, self._inputs, self._available.reshape(1)
-        now = b.z[None], b.P[None], b.J[None], self._root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
-        unlike = unlike_of(b, self._coolant, self._scatter, self._centre)
-        physics, v, F, usual, carry = self._physics, self._v, self._F, float(i.usual.mean[0, 1]), dict(self._carry)
+        now = b.z[None], b.P[None], b.J[None], self._of.root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
+        unlike = unlike_of(b, self._coolant, self._of.scatter, self._of.centre)
+        physics, v, F, usual = self._of.physics, self._of.now, self._forced.F, float(i.usual.mean[0, 1])
         R_e = next((k for k, u in enumerate(self.uncertain) if u.name == "R_e"), None)
         rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
-        return EffectStanding(*now, *rest, physics, v, self._tangent, F, i.row, usual, carry, R_e)
+        return EffectStanding(*now, *rest, physics, v, self._line.tangent, F, i.row, usual, dict(self._carry), R_e)
 
     def set_parameters(
         self,
@@ -232,19 +221,12 @@ class EffectObserver:
         `s` is 0; `own` and the gain of a given heat are nothing to a string with effects.
         """
         del s, own
-        new = self._values | {k: np.array(x, np.float64) for k, x in values.items() if k in self._values}
-        moved = log_change(self._values, new, self.uncertain)
-        self._values, self._v = new, self._physics.numbers(new)
+        moved = self._of.exchange(values, names, covariance)
         self.surprise.set_parameters(self.parameters)
         b = self.belief
         self.belief = Belief(b.z + b.J @ moved, b.P, b.J)
         self._lag = self._lag + self._gap(b.J @ moved)
-        mine = [u.name for u in self.uncertain]
-        given = [j for j, name in enumerate(names) if name in mine]
-        at = [mine.index(names[j]) for j in given]
-        cov = exchanged(self._cov, at, covariance[np.ix_(given, given)])
-        self._cov, self._root = cov, root(cov)
-        self._tangent = self._before_gap = None
+        self._line.tangent = self._before_gap = None
         self.surprise.settle(0)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
@@ -263,7 +245,7 @@ class EffectObserver:
         last, grown = inlet if isfinite(inlet) else self._inputs.inlet, self._inputs.grown(flow)
         turbulent = strayed(self._disturbance, last - self._inputs.inlet, gap_s)
         row, g = self._inputs.row, np.zeros(len(self.belief.z))
-        for done, h in steps(gap_s, steep=self._physics.steep):
+        for done, h in steps(gap_s, steep=self._of.physics.steep):
             middle = done + h / 2.0
             row = self._inputs.rest(last, flow, middle / gap_s, h / 3600.0)
             g = self._rest(row, h, phases(middle, usual, self._disturbance) if unseen else 0.0, turbulent, g)
@@ -273,8 +255,8 @@ class EffectObserver:
         self._inputs.resume(last, flow, row, gap_s, unseen=unseen)
         self._follow(gap_s)
         self._unread = self._unread + gap_s
-        self._rows, self._states = self._rows[:0], self._states[:0]
-        self._tangent = None
+        self._forced.drop()
+        self._line.tangent = None
         instant = row.copy()
         instant[ROW.index("T_in")] = last
         self._seen = self._readings(self.belief.z, instant, self._memory(row, self._dt)[0])
@@ -293,17 +275,16 @@ class EffectObserver:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
-        own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
-        own |= self._inputs.snapshot()
+        own = {name: plain(np.asarray(value)) for name, value in self._kept().items()} | self._inputs.snapshot()
         belief = {name: plain(getattr(self.belief, name)) for name in ("z", "P", "J")}
-        memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
+        memories = {"": self._carry, "at": self._line.memory} | {f"of {k}": c for k, c in self._forced.carries.items()}
         return {
             "own": own,
             "belief": belief,
-            "block": [plain(self._rows), plain(self._states)],
-            "values": {k: plain(v) for k, v in self._values.items()},
+            "block": [plain(self._forced.rows), plain(self._forced.states)],
+            "values": {k: plain(v) for k, v in self._of.values.items()},
             "memories": {k: {e: plain(a) for e, a in m.items()} for k, m in memories.items()},
-            "linear": self._tangent is not None,
+            "linear": self._line.tangent is not None,
             "surprise": self.surprise.snapshot(),
         }
 
@@ -318,11 +299,11 @@ class EffectObserver:
         try:
             belief = Belief(*(like(snapshot["belief"][k], getattr(self.belief, k)) for k in ("z", "P", "J")))
             stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of before there were centres
-            own = {k: like(stored[k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
+            own = {k: like(stored[k], np.asarray(v)) for k, v in self._kept().items()}
             inputs = self._inputs.restored(snapshot["own"])
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
             rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
-            values = {k: like(snapshot["values"][k], v) for k, v in self._values.items()}
+            values = {k: like(snapshot["values"][k], v) for k, v in self._of.values.items()}
             memories = {k: {e: np.array(a, np.float64) for e, a in m.items()} for k, m in snapshot["memories"].items()}
             carry, at_memory = memories.pop(""), memories.pop("at")
             linear = bool(snapshot["linear"])
@@ -332,16 +313,32 @@ class EffectObserver:
         held = [own["cov"], own["F"], own["lag"], states, *values.values(), *carry.values(), *at_memory.values()]
         if not belief.finite or not all(np.isfinite(a).all() for a in held):
             raise StateError("observer state: holds values that are not numbers")
-        for name, value in own.items():
-            setattr(self, f"_{name}", value.item() if name == "age" else value)
-        self.belief, self._rows, self._states, self._values = belief, rows, states, values
-        self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
-        self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
-        self._v, self._root = self._physics.numbers(values), root(self._cov)
-        self.surprise, self._tangent = surprise, None
+        self._seen, self._coolant, self._lag, self._G = own["seen"], own["coolant"], own["lag"], own["G"]
+        self._unread, self._available = own["unread"], own["available"]
+        self.belief, self._carry, self._inputs = belief, carry, inputs
+        self._forced = Forced(own["F"], rows, states, {k.removeprefix("of "): m for k, m in memories.items()})
+        self._line = Linearised(own["at"], own["at_row"], at_memory, own["age"].item())
+        self._of.take(values, own["cov"])
+        self.surprise = surprise
         self.surprise.set_parameters(self.parameters)
         if linear:
             self._linearise()
+
+    def _kept(self) -> dict[str, Any]:
+        """List what a snapshot holds beside inputs, belief, memories and the steps that wait."""
+        return {
+            "age": self._line.age,
+            "cov": self._of.cov,
+            "F": self._forced.F,
+            "seen": self._seen,
+            "coolant": self._coolant,
+            "lag": self._lag,
+            "unread": self._unread,
+            "available": self._available,
+            "at": self._line.at,
+            "at_row": self._line.row,
+            "G": self._G,
+        }
 
     def _begin(self, m: Measured, y: Floats) -> bool:
         """Start when something is heard for the first time."""
@@ -349,10 +346,10 @@ class EffectObserver:
         if not len(heard) and not isfinite(m.inlet):
             return False
         level = float(np.mean(heard)) if len(heard) else m.inlet
-        n, known = self._model.cells, isfinite(m.inlet)
+        n, known = self._of.model.cells, isfinite(m.inlet)
         at = np.full((2 * n + 1, 2 * n), level)
         at[:-1] += np.eye(2 * n)
-        X = self._physics.start(at[:, 0::2], at[:, 1::2], self._v)
+        X = self._of.physics.start(at[:, 0::2], at[:, 1::2], self._of.now)
         D = X.shape[1]
         T = np.zeros((D + OFFSETS, 2 * n + OFFSETS))
         T[:D, : 2 * n], T[D:, 2 * n :] = (X[:-1] - X[-1]).T, np.eye(OFFSETS)
@@ -360,15 +357,15 @@ class EffectObserver:
         own = np.arange(2 * n, D)
         P[own, own] += REST_SD**2
         z = np.concatenate([X[-1], np.zeros(OFFSETS)])
-        self.belief, self._F = Belief(z, P, np.zeros_like(self.belief.J)), np.zeros_like(self._F)
+        self.belief = Belief(z, P, np.zeros_like(self.belief.J))
         self._inputs.begin(m.inlet if known else level)
         self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
-        self._carry, self._carries, self._tangent = {}, {}, None
-        self._rows, self._states = self._rows[:0], self._states[:0]
+        self._carry, self._line.tangent = {}, None
+        self._forced.begin()
         return True
 
     def _memory(self, row: Floats, dt: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
-        return self._physics.memory(drive_of(row[None], dt), self._v, self._carry or None)
+        return self._of.physics.memory(drive_of(row[None], dt), self._of.now, self._carry or None)
 
     def _remember(self, row: Floats) -> Memory:
         """Run the effects' memories on; one that cannot follow what is missing stays as it was."""
@@ -377,8 +374,8 @@ class EffectObserver:
             still = row.copy()
             still[np.isnan(still)] = 0.0
             memory, carry = self._memory(still, self._dt)
-        if not len(self._rows):
-            self._carries[""] = self._carry
+        if not len(self._forced.rows):
+            self._forced.carries[""] = self._carry
         self._carry = carry
         return memory
 
@@ -393,73 +390,48 @@ class EffectObserver:
         P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(
             bool(self._inputs.known[0]), bool(self._inputs.known[1]) and sure
         )
-        return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._F), tangent
+        return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._forced.F), tangent
 
     def _rates(self, z: Floats, row: Floats, memory: Memory, dt: float | None = None) -> Floats:
         """Rates (M,) of the whole state; notes the coolant on the way."""
-        v = disturbed(self._v, z[-OFFSETS:])
-        point = self._physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
+        v = disturbed(self._of.now, z[-OFFSETS:])
+        point = self._of.physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
         if np.isfinite(point.T_f).all():
             self._coolant = np.array(point.T_f[0])
         heat = float(np.mean((point.core[0] - z[-1]) / v.string.R_e))
         self._effective = heat, float(point.T_in[0, 0] - z[-2] - row[ROW.index("T_in")])
-        return np.concatenate([self._physics.balances(point, v)[0], -z[-OFFSETS:] / self._disturbance.correlation])
+        return np.concatenate([self._of.physics.balances(point, v)[0], -z[-OFFSETS:] / self._disturbance.correlation])
 
     def _readings(self, z: Floats, row: Floats, memory: Memory, v: Numbers | None = None) -> Floats:
-        v = disturbed(v or self._v, z[-OFFSETS:])
-        seen = self._physics.readings(z[None, :-OFFSETS], drive_of(row[None], self._dt), v, memory)[0]
-        return np.where(np.isfinite(seen), seen, z[1 : 2 * self._model.cells : 2])
+        v = disturbed(v or self._of.now, z[-OFFSETS:])
+        seen = self._of.physics.readings(z[None, :-OFFSETS], drive_of(row[None], self._dt), v, memory)[0]
+        return np.where(np.isfinite(seen), seen, z[1 : 2 * self._of.model.cells : 2])
 
     def _linear(self, z: Floats, row: Floats, memory: Memory) -> Tangent:
         """Tangent in force; taken anew where it is out of date."""
-        self._age += 1
-        flow = ROW.index("flow")
-        n = 2 * self._model.cells
-        if (
-            self._tangent is None
-            or self._age > STRAYED_STEPS
-            or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
-            or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
-        ):
-            self._at, self._at_row = z, np.concatenate([self._inputs.usual.mean[0], row[3:]])
-            self._at_memory, self._age = dict(memory), 0
-            self._linearise()
-        assert self._tangent is not None  # noqa: S101 - just made
-        return self._tangent
+        line = self._line
+        if line.strayed(z, row[ROW.index("flow")], 2 * self._of.model.cells) or line.tangent is None:
+            line.move(z, np.concatenate([self._inputs.usual.mean[0], row[3:]]), memory)
+            return self._linearise()
+        return line.tangent
 
-    def _linearise(self) -> None:
+    def _linearise(self) -> Tangent:
         """Take Jacobian and slopes where the notes say."""
-        z, row, memory = self._at, self._at_row, self._at_memory
-        system = System(self._physics, drive_of(row[None], self._dt), self._v, memory)
-        j = jacobian(system, z, self._disturbance.correlation)
-        self._tangent = Tangent.of(j, self._dt, self._disturbance)
-        here = self._readings(z, row, memory)
-        if self._physics.reads:
-            moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self.uncertain]
-            slopes = [d / u.step for d, u in zip(moved, self.uncertain, strict=True)]
-            self._G = np.reshape(slopes, (len(slopes), len(here))).T  # of none, where every number is known exactly
-
-    def _force(self, row: Floats, z: Floats) -> None:
-        """Gather a step; when a block is full, find how its rates move with the uncertain numbers."""
-        self._rows, self._states = np.vstack([self._rows, row]), np.vstack([self._states, z])
-        if len(self._rows) == BLOCK:
-            self._F = self._forcing(self._rows, self._states, self._dt)
-            self._rows, self._states = self._rows[:0], self._states[:0]
-
-    def _forcing(self, rows: Floats, states: Floats, dt: float) -> Floats:
-        """Mean slope (M, p) of the rates by the uncertain numbers over some steps; runs on the moved memories."""
-        F, moved = forcing(self._physics, self._v, self.uncertain, drive_of(rows, dt), states, self._carries)
-        self._carries |= moved
-        return F
+        line, of = self._line, self._of
+        if of.physics.reads:
+            here = self._readings(line.at, line.row, line.memory)
+            moved = [self._readings(line.at, line.row, line.memory, u.moved(of.now)) for u in of.uncertain]
+            self._G = slopes_of_readings(here, moved, of)
+        return line.take(of, self._dt, self._disturbance)
 
     def _rest(self, row: Floats, h: float, phases: float, disturbance: Disturbance, g: Floats) -> Floats:
         """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s.
 
         Carries along how it moves with the logarithm of the flow in the gap, `g` (M,), and returns that.
         """
-        self._carries[""] = self._carry
+        self._forced.carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
-        b, system = self.belief, System(self._physics, drive_of(row[None], h), self._v, memory)
+        b, system = self.belief, System(self._of.physics, drive_of(row[None], h), self._of.now, memory)
         j = jacobian(system, b.z, self._disturbance.correlation)
         rate = np.nan_to_num(self._rates(b.z, row, memory, h))
         faster = row.copy()
@@ -472,29 +444,26 @@ class EffectObserver:
         z = b.z + t.Gamma @ rate
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
         P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j.A, phases, h)[1] if phases else 0.0)
-        F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
+        F = self._forced.over(row[None], (b.z + z)[None] / 2.0, self._of, h)
         self.belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
         return np.asarray(t.Phi @ g + t.Gamma @ by_flow)
 
     def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
-        n, z, base = self._model.cells, self.belief.z, self._coolant.copy()
+        n, z, base, of = self._of.model.cells, self.belief.z, self._coolant.copy(), self._of
         at = self._sensors[self._unread <= READ_WITHIN]
         base[at] = z[1 : 2 * n : 2][at]
-        found = deviations(self.belief, self._root, base, self._scatter, self._centre, self._lag)
+        found = deviations(self.belief, of.root, base, of.scatter, of.centre, self._lag)
         sd = np.where(self._available, np.stack(found), np.inf)[:, None]
         core, surface = np.where(self._available, z[: 2 * n].reshape(n, 2).T, nan)[:, None]
         e, there = Errors(r, r_sd, np.copy), self._available.reshape(1)
-        centre = hottest(core, surface, self._lag, self._centre.value, sd[2], sd[1])
+        centre = hottest(core, surface, self._lag, of.centre.value, sd[2], sd[1])
         return Estimate(core, sd[0], surface, sd[1], *centre, e, there)
 
     def _follow(self, elapsed_s: float) -> None:
         """Let the profiles within the rolls follow the difference between their means and their surfaces."""
-        tau = time_constant(self._centre.value, self._v.string.R_c, self._v.string.C_c)
+        string = self._of.now.string
+        tau = time_constant(self._of.centre.value, string.R_c, string.C_c)
         self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self.belief.z) - self._lag)
 
     def _gap(self, z: Floats) -> Floats:
-        return np.asarray(z[0 : 2 * self._model.cells : 2] - z[1 : 2 * self._model.cells : 2])
-
-
-_KEPT = ("age", "cov", "F", "seen", "coolant", "lag", "unread", "available", "at", "at_row", "G")
-"""Attributes beside inputs, belief, memories and the open block that a snapshot holds."""
+        return np.asarray(z[0 : 2 * self._of.model.cells : 2] - z[1 : 2 * self._of.model.cells : 2])

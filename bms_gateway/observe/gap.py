@@ -22,7 +22,7 @@ from math import exp, hypot, sqrt
 
 import numpy as np
 
-from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.consider import Belief, Readings, conditioned
 from bms_gateway.observe.model import OFFSETS, Bools
 from bms_gateway.observe.unseen import at_work, spread
 from bms_gateway.thermal import Disturbance, Floats, gathered_noise
@@ -137,7 +137,8 @@ def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Bel
     ([23.96, -0.05], [0.16, 0.25])
     """
     H, none = np.eye(len(b.z))[[at]], np.zeros((1, b.J.shape[1]))
-    b, _ = conditioned(b, b, np.eye(len(b.z)), H, none, np.array([moved - b.z[at]]), np.zeros(1), cov, sd)
+    read = Readings(H, none, np.array([moved - b.z[at]]), np.zeros(1), sd)
+    b, _ = conditioned(b, b, np.eye(len(b.z)), read, cov)
     z = b.z.copy()
     z[at] -= moved
     return Belief(z, b.P, b.J)

@@ -212,8 +212,7 @@ class Surprise:
         times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
         self._share = -np.expm1(-dt / times)
         self._white = self._share / (2.0 - self._share)  # variance of an average over that of one innovation
-        self._times, self._calm = times, exp(-dt / CALM_S)
-        self._grows = 2.0 * LASTS_S * dt  # s²: variance by own², of heat that lasts so long
+        self._times = times
         self._judge()
         self.set_parameters(parameters)
 
@@ -292,19 +291,19 @@ class Surprise:
         chance = np.sqrt(self._sensed.rough * self._white + self._wide + vague)
         moved = np.where(np.isnan(self._sensed.coolant), 0.0, np.abs(inlet - self._sensed.coolant))
         odd = off > ODD * chance + self._beside + STIRRED * moved[:, None]
-        at_once = np.zeros_like(self.own)
+        at_once, calm = np.zeros_like(self.own), exp(-self._dt / CALM_S)
         if odd.any():
             gain = np.maximum(0.0, 1.0 - self._noise**2 / var)
             core = np.where(odd, (self._lag * gain + self._ratio) * off, 0.0)
             at_once = np.where(self.own == 0.0, np.square(core.max(axis=0)), 0.0)
-            self.own = np.maximum(self.own * self._calm, MORE * (core / self._times).max(axis=0))
+            self.own = np.maximum(self.own * calm, MORE * (core / self._times).max(axis=0))
         elif self.open.any():
-            self.own = self.own * self._calm
+            self.own = self.own * calm
         else:
             return None
         self.own[self.own < LEAST_K_S] = 0.0
         self.open = np.asarray((self.own > 0.0).any(axis=1), dtype=np.bool_)
-        return at_once + self._grows * np.square(self.own)
+        return at_once + 2.0 * LASTS_S * self._dt * np.square(self.own)  # of heat that lasts so long
 
     def rounded(self, sd: Floats) -> Floats:
         """Widen what innovations should be, `sd` (S, m), by the steps of readings that noise does not blur."""

@@ -46,24 +46,35 @@ def check_time(table: Table) -> None:
     ------
     DataError
     """
+    if table.time_s[0] < 0:
+        raise DataError(f"{table.source}: time_s begins at {table.time_s[0]:g}: a log cannot hold times below zero")
+    check_seconds(table)
+
+
+def check_seconds(table: Table) -> None:
+    """Refuse a time that is plainly not in seconds, or dates that are not those of one measurement.
+
+    Raises
+    ------
+    DataError
+    """
     t = table.time_s
-    if t[0] < 0:
-        raise DataError(f"{table.source}: time_s begins at {t[0]:g}: a log cannot hold times below zero")
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    if t[-1] >= LATEST_S:
+    if t[-1] >= LATEST_S and not table.dated:
         seen = f"ends at {t[-1]:g}, after the year 2255"
     elif step >= WIDEST_STEP_S:
         seen = f"goes on by {step:g} from row to row, where less than {WIDEST_STEP_S:g} s are needed"
     elif t[-1] - t[0] > LONGEST_S:
-        seen = f"spans {(t[-1] - t[0]) / 86_400:.1f} days, more than the {LONGEST_S // 86_400} that one table may"
-    elif len(t) >= MANY_ROWS and step < LEAST_STEP_S:
+        seen = f"spans {(t[-1] - t[0]) / 86_400:.3g} days, more than the {LONGEST_S // 86_400} that one table may"
+    elif len(t) >= MANY_ROWS and step < LEAST_STEP_S and not table.dated:
         raise DataError(
             f"{table.source}: time_s looks like hours or days, it must be in seconds: {len(t)} rows span "
             f"{t[-1] - t[0]:.3g} s"
         )
     else:
         return
-    raise DataError(f"{table.source}: time_s looks like milliseconds, it must be in seconds: it {seen}")
+    unit = "" if table.dated else " looks like milliseconds, it must be in seconds: it"
+    raise DataError(f"{table.source}: time_s{unit} {seen}")
 
 
 def check_kelvin(table: Table) -> None:

@@ -26,7 +26,7 @@ from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.vocabulary import CELL, INPUTS, OPTIONAL, WHOLE, Quantity
-from bms_gateway.records.kind import check_kelvin, check_time, log_kind
+from bms_gateway.records.kind import check_kelvin, check_seconds, log_kind
 from bms_gateway.records.once import given_once
 from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
 from bms_gateway.report.progress import progress
@@ -137,8 +137,7 @@ def _from_table(
 ) -> tuple[Columns, list[str]]:
 
     table = read_table(path, columns, tell, most)
-    if table.time_s[0] >= 0.0:
-        check_time(table)
+    check_seconds(table)
     check_kelvin(table)
     rows = replace(table, voltage_V=_whole_voltage(table, model), surface_C=_cells_of(table, model))
     notes = [f"The table: {'; '.join(table.notes)}."] if table.notes else []

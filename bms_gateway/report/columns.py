@@ -65,13 +65,13 @@ _CELL_KIND: Final[dict[str, str]] = {**{q: INPUTS[q].kind for q in CELL}, "core"
 INLET: Final = INPUTS["coolant_inlet"].column
 """Of all columns the one that may be a constant: chambers are often set, and not recorded."""
 _NUMBER: Final = re.compile(r"([-+\u2212]?\d{1,6}(?:[.,]\d{1,9})?)\s*\[?\s*([^\s\[\]\d][^\[\]]*?)?\s*\]?")
-_BEHIND: Final = re.compile(r"(.*\S)\s*[,;]\s*([^,;]+)")
 _NO_WORDS: Final = frozenset(
     {"degC", "degF", "degK", "deg C", "deg F", "deg K", "m°C", "mdegC", "mK", "Celsius", "Fahrenheit", "Kelvin"}
     | {"mA", "kA", "uA", "µA", "mV", "kV"}
 )
 """Units that are units wherever they stand last in a name; others must stand behind a comma or in brackets."""
-_BRACKETS: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
+LONGEST_UNIT: Final = 30
+"""Characters of what may be a unit in brackets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,10 +276,12 @@ def split_unit(name: str) -> tuple[str, str | None]:
     >>> split_unit("T in C")  # may be an inlet
     ('T in C', None)
     """
-    if found := _BRACKETS.fullmatch(name):
-        return found[1], found[2]
-    if (found := _BEHIND.fullmatch(name)) and any(found[2].strip() in units for units in UNITS.values()):
-        return found[1], found[2].strip()
+    if (found := _in_brackets(name)) is not None:
+        return found
+    at = max(name.rfind(","), name.rfind(";"))
+    base, unit = name[: max(at, 0)].rstrip(), name[at + 1 :].strip()
+    if base and any(unit in units for units in UNITS.values()):
+        return base, unit
     if tail := next((u for u in _NO_WORDS if name.endswith(f" {u}")), None):
         base = name.removesuffix(tail).strip()
         return (base.removesuffix(" in") if len(base) > len("T in") else base), tail
@@ -293,6 +295,19 @@ def split_unit(name: str) -> tuple[str, str | None]:
     if slash and any(unit.strip() in units for units in UNITS.values()):
         return base.strip(), unit.strip()
     return name, None
+
+
+def _in_brackets(name: str) -> tuple[str, str] | None:
+    """Split a name that ends with something short in brackets, of either kind and with none within."""
+    if not name.endswith(("]", ")")):
+        return None
+    at = max(map(name[:-1].rfind, "[]()"))
+    inner = name[at + 1 : -1].strip()
+    if at < 0 or name[at] not in "[(" or len(inner) > LONGEST_UNIT:
+        return None
+    while at and (name[at - 1] == "_" or name[at - 1].isspace()):
+        at -= 1
+    return name[:at], inner
 
 
 def _unit(quantity: str, unit: str) -> tuple[float, float] | None:

@@ -20,6 +20,7 @@ TITLES: Mapping[str, str] = {
     "filed": "The model with the parameters from its file",
     "refitted": "The same model, refitted to these data",
 }
+NOT_REFITTED = "Refitted to these data the model is not shown: nothing can be learnt from them."
 LEAST_SHARE = 0.05
 """Least share of the excess error for which a regime is listed."""
 
@@ -127,8 +128,12 @@ def _column(x: np.ndarray) -> list[float | None]:
 def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]]) -> str:
     """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
     several = len(c.sources) > 1
-    parts = [*warned(findings, several), *(_variant_text(v, several) for v in (c.filed, c.refitted))]
-    parts += [_closest_text(c.closest, c.core.identified)] if c.closest else []
+    parts = [*warned(findings, several), _variant_text(c.filed, several)]
+    if {source for source, f in findings if f.severity == "stop"}.issuperset(c.sources):
+        parts.append(NOT_REFITTED)
+    else:
+        parts.append(_variant_text(c.refitted, several))
+        parts += [_closest_text(c.closest, c.core.identified)] if c.closest else []
     parts.append(core_text(c.core))
     parts += told_aside(findings, notes, several)
     return "\n\n".join(parts)

@@ -58,6 +58,12 @@ class DateForm:
     _first: datetime | None = field(default=None)
     _last: datetime | None = field(default=None)
     _zoned: bool | None = field(default=None)
+    _halves: bool = field(default=False)
+
+    @property
+    def halves(self) -> bool:
+        """Whether AM or PM stood behind one of the dates."""
+        return self._halves
 
     @property
     def began_s(self) -> float | None:
@@ -80,16 +86,20 @@ class DateForm:
             if not text:
                 continue
             try:
-                at = self._read(text)
-            except ValueError:
+                at = self._after(self._read(text))
+            except (ValueError, OverflowError):  # Python's dates have the years 1 to 9999
                 raise ValueError(i) from None
-            if self.kind == "clock" and self._last is not None and self._last - at > _HALF_DAY:
-                while self._last - at > _HALF_DAY:  # midnight has passed
-                    at += _DAY
             self._first = at if self._first is None else self._first
             self._last = at
             out[i] = (at - self._first).total_seconds()
         return out
+
+    def _after(self, at: datetime) -> datetime:
+        """Move a time of day behind the one before it, by the days whose midnight has passed."""
+        if self.kind != "clock" or self._last is None:
+            return at
+        beyond = self._last - at - _HALF_DAY
+        return at - (-beyond // _DAY) * _DAY if beyond > timedelta(0) else at
 
     def _read(self, text: str) -> datetime:
         if self.kind == "clock":
@@ -109,6 +119,7 @@ class DateForm:
         if self.kind == "named":
             m = _MONTHS.get(m[:3].lower(), "0")  # no month has this number
         year = int(y) + (2000 if len(y) == 2 else 0)
+        self._halves |= half is not None
         clock = _hour(hour or "0", half, text), int(minute or 0), int(second or 0), _micro(fraction)
         return self._in_utc(datetime(year, int(m), int(d), *clock), zone[0])
 
@@ -175,6 +186,7 @@ def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str 
 def _order(given: Sequence[str]) -> DateForm | str:
     """Decide between day and month: all rows must be valid dates that go forward in steps of the same size."""
     fits = []
+    twelve = False  # AM and PM are used where the month comes first
     for kind, how in (("day first", ASKED[0]), ("month first", ASKED[1])):
         form = DateForm(f"dates as {how}", kind)
         try:
@@ -183,7 +195,7 @@ def _order(given: Sequence[str]) -> DateForm | str:
             continue
         if len(t) < 2 or (np.diff(t) > 0).all():
             fits.append((t, DateForm(form.name, kind)))
-    twelve = any(re.search(_HALF, text) for text in given)  # AM and PM are used where the month comes first
+            twelve |= form.halves
     if len(fits) == 2 and not np.array_equal(fits[0][0], fits[1][0]) and not twelve:
         fits = []
     if not fits:

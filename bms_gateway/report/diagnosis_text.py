@@ -167,7 +167,10 @@ def finite(x: float) -> float | None:
 def diagnosis_text(told: Told) -> str:
     """Write a diagnosis for people, the verdict first."""
     d = told.diagnosis
-    parts = [labelled(told.sentence), *warned(told.findings, len(told.sources) > 1)]
+    several = len(told.sources) > 1
+    # that the only record is useless stands in the sentence
+    doubts = [x for x in told.findings if d is not None or several or x[1].severity != "stop"]
+    parts = [labelled(told.sentence), *warned(doubts, several)]
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
@@ -192,13 +195,13 @@ def diagnosis_text(told: Told) -> str:
         parts.append(labelled(f"Next: {told.next_experiment}"))
     if told.card:
         parts.append(_listed("What these readings could show at all:", told.card))
-    parts += told_aside(told.findings, told.notes, len(told.sources) > 1)
+    parts += told_aside(told.findings, told.notes, several)
     return "\n\n".join(parts)
 
 
 def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[str]:
-    """Write the doubts about the data; they stand before all conclusions from the data."""
-    lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity == "warn"]
+    """Write what makes the data useless or doubtful; it stands before all conclusions from the data."""
+    lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity != "note"]
     if lines:
         yield _listed("Look at the data first:", lines)
 
@@ -210,7 +213,7 @@ def told_aside(
     lines = [
         (f"{source}: " if several else "") + f"{f.severity}: {f.sentence}"
         for source, f in findings
-        if f.severity != "warn"
+        if f.severity == "note"
     ]
     if lines:
         yield _listed("Checks of the data:", lines)

@@ -41,13 +41,13 @@ def sound(findings: Sequence[tuple[str, Finding]]) -> None:
 
 
 def long_enough(findings: Sequence[tuple[str, Finding]]) -> None:
-    """Refuse records that are too short even to be compared.
+    """Refuse records that are too short, or have too few readings, even to be compared.
 
     Raises
     ------
     DataError
     """
-    sound([(source, f) for source, f in findings if f.kind == "too_short"])
+    sound([(source, f) for source, f in findings if f.kind in ("too_short", "too_few")])
 
 
 def examine(model: StringModel, records: Sequence[Record], progress: Progress | None = None) -> Told:

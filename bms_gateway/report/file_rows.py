@@ -3,9 +3,9 @@
 import csv
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol
 
@@ -22,8 +22,11 @@ from bms_gateway.thermal import Floats
 CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
 MOST_COLUMNS: Final = 10_000  # three for each of a thousand cells, and as many again with other names
+LONGEST_NAME: Final = 500  # characters of a column's name: a path through the messages of a bus has half of it
 MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks
 BATCH: Final = 1 << 14  # rows of Parquet
+PER_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # units of stamps in Parquet
+_EPOCH: Final = datetime(1970, 1, 1)
 MOST_SAMPLED: Final = 2000  # rows from which the form of times is found
 
 
@@ -133,8 +136,7 @@ class _Csv:
         number, head = int(first.number[0]), first.text[0]
         self._mark = mark_of(first.text[:20])
         self.names = [name.strip() for name in self._cells(first.only(1), None)]
-        if len(self.names) > MOST_COLUMNS:
-            raise DataError(f"{path}: line {number}: {len(self.names):,} columns, more than {MOST_COLUMNS:,}")
+        _refuse_long_head(f"{path}: line {number}", self.names)
         twice = next((name for name, count in Counter(self.names).items() if name and count > 1), None)
         if twice is not None:
             raise DataError(f"{path}: line {number}: column {twice!r} stands there twice")
@@ -207,7 +209,7 @@ class _Csv:
                 first = number
                 yield lines
             if len(carry) > LONGEST_LINE:
-                raise DataError(f"{self.path}: line {number}: no end of line in {LONGEST_LINE >> 10} KiB: not a table")
+                raise self._endless(number)
             if number - first > MOST_IDLE:
                 raise DataError(f"{self.path}: line {number}: a million lines without a row: not a table")
         lines, _ = self._text(carry, number, read)
@@ -227,6 +229,8 @@ class _Csv:
 
     def _cells(self, lines: "_Lines", width: int | None) -> list[str]:
         """Give the cells of lines one after the other, `width` in each line where that is known."""
+        if max(map(len, lines.text)) > LONGEST_LINE:
+            raise self._endless(next(n for n, x in zip(lines.number, lines.text, strict=True) if len(x) > LONGEST_LINE))
         mark, text = self._mark, self._mark.join(lines.text)
         if '"' not in text:
             wide = [line.count(mark) + 1 for line in lines.text] if width else []
@@ -245,6 +249,9 @@ class _Csv:
             raise DataError(f"{self.path}: line {lines.number[k]}: {wide[k]} columns, the header has {width}{why}")
         return cells
 
+    def _endless(self, number: int) -> DataError:
+        return DataError(f"{self.path}: line {number}: no end of line in {LONGEST_LINE >> 10} KiB: not a table")
+
     def _quoted(self, number: int, line: str) -> list[str]:
         try:
             return next(csv.reader([line], delimiter=self._mark))
@@ -259,8 +266,8 @@ class _Csv:
         except ValueError as e:
             at = int(e.args[0])
             raise DataError(
-                f"{self.path}: line {lines[at]}: column {column!r}: {cells[at].strip()[:40]!r} is no time as those "
-                f"before it ({dates[column].name})"
+                f"{self.path}: line {lines[at]}: column {column!r}: {cells[at].strip()[:40]!r} is no time; the "
+                f"column has {dates[column].name}"
             ) from None
 
     def _numbers(self, column: str, cells: list[str], lines: NDArray[np.int64]) -> Floats:
@@ -299,6 +306,18 @@ class _Csv:
         return DataError(f"{self.path}: line {line}: column {column!r}: {cell.strip()[:40]!r} is not a number")
 
 
+def _refuse_long_head(where: str, names: Sequence[str]) -> None:
+    """Refuse more columns, or longer names of them, than any table has."""
+    if len(names) > MOST_COLUMNS:
+        raise DataError(f"{where}: {len(names):,} columns, more than {MOST_COLUMNS:,}")
+    for at, name in enumerate(names, 1):
+        if len(name) > LONGEST_NAME:
+            raise DataError(
+                f"{where}: the name of column {at}, {name[:40]!r} …, has {len(name):,} characters; at most "
+                f"{LONGEST_NAME} are read: shorten it"
+            )
+
+
 def _head(source: Any) -> bytes:
     """Read the first bytes, which tell the kind of a file; gzip data may come in small pieces."""
     head = b""
@@ -312,21 +331,19 @@ class _Parquet:
 
     word = "row"
 
-    def __init__(self, path: Path, file: Any, numeric: set[str]) -> None:
+    def __init__(self, path: Path, file: Any, numeric: set[str], stamps: Mapping[str, int]) -> None:
         self.path = path
-        self._file, self._numeric = file, numeric
+        self._file, self._numeric, self._stamps = file, numeric, stamps
         self.names: list[str] = list(file.schema_arrow.names)
+        _refuse_long_head(str(path), self.names)
         self.units: list[str] | None = None
         self.notes: list[str] = []
-        self._epoch: Any = None
+        self._epoch: dict[str, int] = {}
 
     @property
     def began_s(self) -> float | None:
         """See `Rows`."""
-        if self._epoch is None:
-            return None
-        aware = self._epoch if self._epoch.tzinfo else self._epoch.replace(tzinfo=UTC)
-        return float(aware.timestamp())
+        return next((first / self._stamps[name] for name, first in self._epoch.items()), None)
 
     def sample(self, column: str) -> list[str]:  # noqa: ARG002 — stamps are stamps here
         """See `Rows`."""
@@ -343,27 +360,38 @@ class _Parquet:
         row, N = 1, self._file.metadata.num_rows
         share = self.path.stat().st_size / max(N, 1)
         for batch in self._file.iter_batches(BATCH, columns=sorted(set(named.values())), use_threads=False):
-            values = {c: self._numbers(c, batch.column(name).to_pylist()) for c, name in named.items()}
+            values = {c: self._values(c, name, batch.column(name)) for c, name in named.items()}
             lines = np.arange(row, row + batch.num_rows)
             row += batch.num_rows
             if batch.num_rows:
                 yield Piece(lines, values, share * batch.num_rows)
 
+    def _values(self, column: str, name: str, cells: Any) -> Floats:
+        if name in self._stamps:  # as whole numbers: dates of Python have no nanoseconds, and end with the year 9999
+            return self._numbers(column, self._seconds(name, cells.cast("int64").to_pylist()))
+        return self._numbers(column, cells.to_pylist())
+
     def _numbers(self, column: str, cells: list[Any]) -> Floats:
-        if any(isinstance(c, datetime) for c in cells):
-            cells = self._seconds(column, cells)
         try:
             out = np.array([np.nan if c is None else c for c in cells], dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             raise self._no_numbers(column) from None
         return out if column in self.names else -out
 
-    def _seconds(self, column: str, cells: list[Any]) -> list[float | None]:
+    def _seconds(self, name: str, cells: list[int | None]) -> list[float | None]:
         """Count stamps from the first one."""
-        if self._epoch is None:
-            self._epoch = next(c for c in cells if c is not None)
-            self.notes.append(f"{column!r} has dates: time_s is counted from its first row, {self._epoch}")
-        return [None if c is None else (c - self._epoch).total_seconds() for c in cells]
+        per_second = self._stamps[name]
+        if name not in self._epoch:
+            first = next((c for c in cells if c is not None), None)
+            if first is None:
+                return [None] * len(cells)
+            self._epoch[name] = first
+            began: object = f"{first / per_second:g} s after 1970"
+            with suppress(OverflowError):  # beyond the calendar
+                began = _EPOCH + timedelta(microseconds=first * 1_000_000 // per_second)
+            self.notes.append(f"{name!r} has dates: time_s is counted from its first row, {began}")
+        first = self._epoch[name]
+        return [None if c is None else (c - first) / per_second for c in cells]
 
     def _no_numbers(self, column: str) -> DataError:
         return DataError(f"{self.path}: column {column!r}: not numbers")
@@ -412,6 +440,7 @@ def open_parquet(path: Path) -> Iterator[Rows]:
             tests = (kinds.is_integer, kinds.is_floating, kinds.is_decimal, kinds.is_boolean, kinds.is_null,
                      kinds.is_timestamp)  # fmt: skip
             numeric = {f.name for f in file.schema_arrow if any(test(f.type) for test in tests)}
-            yield _Parquet(path, file, numeric)
+            stamps = {f.name: PER_SECOND[f.type.unit] for f in file.schema_arrow if kinds.is_timestamp(f.type)}
+            yield _Parquet(path, file, numeric, stamps)
     except pyarrow.ArrowException as e:
         raise DataError(f"{path}: not a Parquet file: {' '.join(str(e).split())}") from None

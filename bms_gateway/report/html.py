@@ -72,14 +72,14 @@ class Aside:
     @property
     def doubts(self) -> str:
         """Doubts about the data, for the head of the page: they stand before the conclusions from the data."""
-        lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity == "warn")
+        lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity != "note")
         open_still = f'<p class="alarm">{escape(self.remains)}</p>' if self.remains else ""
         return open_still + (f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else "")
 
     @property
     def sections(self) -> list[str]:
         """Remarks on the data, and how the page was made, for its end."""
-        checks = ((s, f"{f.severity}: {f.sentence}") for s, f in self.findings if f.severity != "warn")
+        checks = ((s, f"{f.severity}: {f.sentence}") for s, f in self.findings if f.severity == "note")
         made = f"<pre>{escape(self.command)}</pre>" if self.command else ""
         return [
             section("checks", "Direct checks of the data", items(self._by_record(checks))),

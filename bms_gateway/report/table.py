@@ -53,12 +53,15 @@ class Table(Columns):
         What the file's rows are called, and the number of each.
     notes : tuple of str
         What was recognised and is not as a table should be, a sentence each.
+    dated : bool
+        Whether the times are dates or times of day, counted from the first row.
     """
 
     ignored: tuple[str, ...]
     word: str
     lines: NDArray[np.int64]
     notes: tuple[str, ...] = ()
+    dated: bool = False
 
     def place(self, row: int) -> str:
         """Tell where a row (from 0) stands in the file."""
@@ -206,6 +209,7 @@ def _read(
         word=rows.word,
         lines=lines,
         notes=tuple(notes),
+        dated=bool(dates) or rows.began_s is not None,
     )
 
 

@@ -13,7 +13,7 @@ __all__ = ["MISSING", "Decimals", "is_number", "mark_of", "units_row"]
 MISSING: Final = frozenset(("", "na", "n/a", "#n/a", "#na", "nan", "null", "none", "nil", "-", "--", "---", "nv"))
 """Words for a value that is not there, in small letters."""
 MARKS: Final = ";\t,|"
-_POINT: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_POINT: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA: Final = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _GROUPED: Final = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _WHOLE: Final = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")

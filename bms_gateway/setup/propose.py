@@ -28,6 +28,7 @@ from bms_gateway.setup.find_statistics import of_several
 from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, inlets, is_temperature, surfaces
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.guessed_dbc import GUESS
+from bms_gateway.setup.intervals import edges_of
 from bms_gateway.setup.own_traffic import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
 from bms_gateway.setup.signal_series import Series, all_series
@@ -68,7 +69,7 @@ def propose(traffic: Traffic) -> Proposal:
         own_signals(traffic, proposal)
         return proposal
     series, rights, dead = _readable(traffic, proposal)
-    edges = np.arange(0.0, traffic.seconds + 1.0, 1.0 if traffic.seconds > LONG_S else 0.5)
+    edges = edges_of(traffic.frames.time_ns, 1.0 if traffic.seconds > LONG_S else 0.5, 1.0)
     cells, factor = cell_voltages(series)
     voltages = [v for v in pack_voltages(series, cells, factor) if fits("voltage", v.series.info)]
     candidates = [c for c in currents(series) if fits("current", c.series.info) and c.score > 0]

@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from bms_gateway.frames.vocabulary import INPUTS
+from bms_gateway.setup.intervals import silences
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.thermal import Floats
 
@@ -44,7 +47,10 @@ def surroundings(proposal: Proposal, string: int) -> Surroundings:
     cells = [p for p in proposal.of("surface") if p.string == string]
     if not cells:
         return Surroundings(25.0)
-    lowest = _lower([p.factor * p.series.low + p.shift for p in cells])
+    lows = [float(np.quantile(x, 0.02)) for p in cells if len(x := _celsius(p))]
+    if not lows:
+        return Surroundings(25.0)
+    lowest = _lower(lows)
     found = []
     for start, stop in _rests(next(proposal.of("current", string))):
         parts = [_celsius(p, start, stop) for p in cells]
@@ -64,15 +70,19 @@ def _lower(values: list[float]) -> float:
 
 
 def _rests(current: Proposed) -> Iterator[tuple[float, float]]:
-    """Give begin and end of each long rest, s."""
+    """Give begin and end of each long rest, s; a silence is none, it may be a clock that was set."""
     t, amps = current.series.t, np.abs(current.factor * current.series.x)
     still = amps <= max(REST_SHARE * float(amps.max()), current.resolution)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(np.int8), [0]))))
-    for first, end in edges.reshape(-1, 2).tolist():
-        if t[end - 1] - t[first] >= REST_S:
+    silent = silences((t * 1e9).astype(np.int64)) > 0
+    begins = np.flatnonzero(np.diff(still, prepend=False) | silent)
+    for first, end in pairwise([*begins.tolist(), len(t)]):
+        if still[first] and t[end - 1] - t[first] >= REST_S:
             yield float(t[first]), float(t[end - 1])
 
 
-def _celsius(p: Proposed, start: float, stop: float) -> Floats:
+def _celsius(p: Proposed, start: float = -np.inf, stop: float = np.inf) -> Floats:
+    """Give the readings of a time, without what no surroundings have."""
     inside = (start <= p.series.t) & (p.series.t <= stop)
-    return p.factor * p.series.x[inside] + p.shift
+    C = p.factor * p.series.x[inside] + p.shift
+    least, most = INPUTS["coolant_inlet"].plausible
+    return np.asarray(C[(least <= C) & (most >= C)])

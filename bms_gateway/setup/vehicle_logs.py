@@ -11,6 +11,7 @@ import numpy as np
 from bms_gateway.bus.logfile import LogNotes, read_log
 from bms_gateway.config.bounds import bounded
 from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
+from bms_gateway.engine.stamps import LONGEST_NS, Clock
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.dbc import parse_lenient
@@ -20,10 +21,16 @@ from bms_gateway.frames.own_dbc import MAX_STRINGS, OWN_DBC, input_messages
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 from bms_gateway.frames.signal_table import SignalTable
 from bms_gateway.report.progress import progress
+from bms_gateway.setup.intervals import seen_s, silence_in
 
 MOST_FRAMES: Final = 2_000_000
 """Most frames that are read: a quarter of an hour of a busy bus, which is enough to recognise its signals."""
 BETWEEN_LOGS_NS: Final = 60_000_000_000
+WRONG: Final = "the time stamps are wrong"
+LEAST_S: Final = 1.0
+"""In a shorter log there is no tick of the engine."""
+CHUNK: Final = 100_000
+"""Frames that are compared at once."""
 
 
 @dataclass(slots=True)
@@ -68,9 +75,8 @@ class Traffic:
 
     @property
     def seconds(self) -> float:
-        """Length of the traffic."""
-        t = self.frames.time_ns
-        return float(t[-1] - t[0]) * 1e-9 if len(t) else 0.0
+        """Length of the traffic without the silences."""
+        return seen_s(self.frames.time_ns)
 
 
 def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
@@ -79,10 +85,11 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
     Raises
     ------
     ConfigError, DataError, UsageError
-        A log or a DBC that cannot be read at all, or no frame in any log.
+        A log or a DBC that cannot be read at all, no frame in any log, or frames that show no movement.
     """
+    logs = list(logs)
     remarks: list[str] = []
-    frames = _frames(list(logs), remarks)
+    frames = _frames(logs, remarks)
     if not len(frames):
         raise DataError(f"{', '.join(str(p) for p in logs)}: no data frames in there")
     messages: list[MessageInfo] = []
@@ -110,7 +117,11 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
         chosen = {m.name: m for m in ours.values()}
     known = {m.can_id for m in chosen.values()}
     unknown = {i: n for i, n in seen.items() if i not in known}
-    return Traffic(frames, chosen, strict, not sound, remarks, unknown, is_own, tuple(foreign))
+    traffic = Traffic(frames, chosen, strict, not sound, remarks, unknown, is_own, tuple(foreign))
+    if why := _useless(traffic):
+        wrong = "".join(f" ({r})" for r in remarks if WRONG in r)
+        raise DataError(f"{', '.join(str(p) for p in logs)}: {why}{wrong}; record a drive of some minutes")
+    return traffic
 
 
 _OWN_INPUTS = frozenset(name for k in range(1, MAX_STRINGS + 1) for name in input_messages(k))
@@ -120,33 +131,50 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
     parts: list[FrameBatch] = []
     total, end = 0, None
     for log in logs:
-        notes = LogNotes()
-        shift = None
+        notes, clock = LogNotes(), Clock()
+        mine: list[FrameBatch] = []
         with progress(log.name, None) as advance:
             for batch in read_log(log, notes=notes):
-                if not len(batch):
-                    continue
-                if shift is None:  # logs of different days on one line of time
-                    first = int(batch.time_ns[0])
-                    shift = 0 if end is None else max(end + BETWEEN_LOGS_NS - first, -(1 << 62))
-                moved = replace(batch, time_ns=batch.time_ns + shift)
-                parts.append(moved)
-                end = int(moved.time_ns.max()) if end is None else max(end, int(moved.time_ns.max()))
+                mine.append(clock.straighten(batch))
                 total += len(batch)
                 advance(len(batch))
                 if total >= MOST_FRAMES:
                     break
+        of_log = FrameBatch.concat(mine)
+        if len(of_log):
+            # logs of different days on one line of time
+            shift = 0 if end is None else end + BETWEEN_LOGS_NS - int(of_log.time_ns[0])
+            if int(of_log.time_ns[-1]) + shift > LONGEST_NS:
+                raise DataError(f"{log}: by their stamps these logs last for centuries in all; give fewer of them")
+            parts.append(replace(of_log, time_ns=of_log.time_ns + shift))
+            end = int(parts[-1].time_ns[-1])
         if notes.broken:
             line, text = notes.broken_at[0]
             remarks.append(f"{log}: {notes.broken} damaged lines skipped, the first at line {line}: {text!r}")
+        if faults := clock.faults():
+            remarks.append(f"{log}: {WRONG}: {faults}; time only goes forward")
+        if silence := silence_in(of_log.time_ns):
+            remarks.append(f"{log}: {silence}")
         if total >= MOST_FRAMES:
             remarks.append(f"only the first {total} frames were looked at")
             break
-    frames = FrameBatch.concat(parts)
-    if np.any(np.diff(frames.time_ns) < 0):
-        order = np.argsort(frames.time_ns, kind="stable")
-        frames = FrameBatch(frames.time_ns[order], frames.can_id[order], frames.length[order], frames.data[order])
-    return frames
+    return FrameBatch.concat(parts)
+
+
+def _useless(traffic: Traffic) -> str | None:
+    """Say why no signal can be told from its movement; None where one may be."""
+    f = traffic.frames
+    what = f"{len(f)} frame{'s' if len(f) > 1 else ''}"
+    if traffic.seconds < LEAST_S:
+        when = f"within {traffic.seconds:.3g} s" if traffic.seconds > 0 else "at one time"
+        return f"{what} {when} show no movement"
+    ids, first, which = np.unique(f.can_id, return_index=True, return_inverse=True)
+    for start in range(0, len(f), CHUNK):
+        part = slice(start, start + CHUNK)
+        if (f.data[part] != f.data[first[which[part]]]).any():
+            return None
+    of_ids = f"{len(ids)} identifier{'s' if len(ids) > 1 else ''}"
+    return f"no bit of {what} of {of_ids} changes in {traffic.seconds:.0f} s"
 
 
 def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import Place
 from bms_gateway.setup.bit_contradictions import BOTH_ENDS, NEAR, SMOOTHER
+from bms_gateway.setup.intervals import edges_of, silences
 from bms_gateway.thermal import Floats
 
 FEWEST: Final = 20
@@ -28,6 +29,8 @@ FEWEST: Final = 20
 STEP_S: Final = 0.5
 FAST_Hz: Final = 1.5
 """Least rate of a field whose steps are compared with those of another."""
+MOST_MEANS: Final = 20_000_000
+"""Means of fields in intervals that are compared: of thousands of fields the first hours."""
 MOST_PAGES: Final = 64
 FEWEST_OF_PAGE: Final = 12
 STAYS: Final = 0.3
@@ -74,6 +77,8 @@ class Field:
     place : Place
     t, x : ndarray (n,)
         Seconds from the begin; raw values.
+    silent_s : float
+        Of the time from the first sample to the last: without any frame on the bus.
     """
 
     can_id: int
@@ -81,11 +86,13 @@ class Field:
     place: Place
     t: Floats
     x: Floats
+    silent_s: float = 0.0
 
     @property
     def rate_Hz(self) -> float:
-        """Samples per second."""
-        return (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-9)
+        """Samples per second while the bus is not silent; 0 where all stand at one time."""
+        seconds = float(self.t[-1] - self.t[0]) - self.silent_s
+        return (len(self.t) - 1) / seconds if seconds > 0.0 else 0.0
 
     def overlaps(self, other: "Field") -> bool:
         """Whether both take some bits of one message."""
@@ -130,12 +137,14 @@ def guess(frames: FrameBatch) -> list[Guess]:
     if not len(frames):
         return []
     fields = [f for f in _fields(frames) if _measures(f)]
-    if not fields:
+    fast = [i for i, f in enumerate(fields) if f.rate_Hz >= FAST_Hz and len(np.unique(f.x)) >= 6]
+    large = [i for i in fast if _large(fields[i])]
+    if not large:
         return []
-    edges = np.arange(0.0, float(frames.time_ns[-1] - frames.time_ns[0]) * 1e-9 + STEP_S, STEP_S)
+    edges = edges_of(frames.time_ns, STEP_S, STEP_S)[: max(MOST_MEANS // len(fields), FEWEST) + 1]
     grid = np.array([_on_grid(f, edges) for f in fields])
-    electrical, voltage = _electrical(fields, grid)
-    warm = _warm(fields, grid, [g.field for g in electrical], voltage)
+    electrical, voltage = _electrical(fields, grid, fast, large)
+    warm = _warm(fields, grid, np.diff(edges), [g.field for g in electrical], voltage)
     return [*electrical, *([voltage] if voltage else []), *warm]
 
 
@@ -148,6 +157,7 @@ def _bits(p: Place) -> set[int]:
 
 def _fields(frames: FrameBatch) -> Iterator[Field]:
     t = (frames.time_ns - frames.time_ns[0]) * 1e-9
+    silent = np.cumsum(silences(frames.time_ns) * 1e-9)
     order = np.argsort(frames.can_id, kind="stable")
     ids, starts = np.unique(frames.can_id[order], return_index=True)
     for can_id, part in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
@@ -161,7 +171,10 @@ def _fields(frames: FrameBatch) -> Iterator[Field]:
         for page in chosen:
             of_it = np.ones(len(data), np.bool_) if page is None else data[:, 0] == page
             if of_it.sum() >= FEWEST_OF_PAGE:
-                yield from _cut(int(can_id), page, t[rows][of_it], data[of_it])
+                ends = silent[rows][of_it][[0, -1]]
+                for f in _cut(int(can_id), page, t[rows][of_it], data[of_it]):
+                    f.silent_s = float(ends[1] - ends[0])
+                    yield f
 
 
 def _pages(data: NDArray[np.int64]) -> list[int]:
@@ -227,18 +240,21 @@ def _measures(f: Field) -> bool:
 def _on_grid(f: Field, edges: Floats) -> Floats:
     """Mean in each interval; where there is none the last value, as long as it is not too old."""
     n = len(edges) - 1
-    at = np.minimum(np.searchsorted(edges, f.t, side="right") - 1, n - 1)
-    count = np.bincount(at, minlength=n)
-    mean = np.bincount(at, f.x, minlength=n) / np.maximum(count, 1)
+    at = np.searchsorted(edges, f.t, side="right") - 1
+    inside = at < n
+    count = np.bincount(at[inside], minlength=n)
+    mean = np.bincount(at[inside], f.x[inside], minlength=n) / np.maximum(count, 1)
     last = np.searchsorted(f.t, edges[1:], side="right") - 1
     held = np.where(last >= 0, f.x[np.maximum(last, 0)], np.nan)
-    old = edges[1:] - f.t[np.maximum(last, 0)] > max(3 * STEP_S, 4 / max(f.rate_Hz, 1e-9))
+    old = edges[1:] - f.t[np.maximum(last, 0)] > max(3 * STEP_S, 4 / f.rate_Hz if f.rate_Hz > 0 else 0.0)
     return np.asarray(np.where(count > 0, mean, np.where(old, np.nan, held)))
 
 
 def _steps(grid: Floats) -> Floats:
     """Give the steps of each row, of unit length; one switching-on does not outweigh a drive."""
     d = np.nan_to_num(np.diff(grid, axis=1))
+    if not d.shape[1]:
+        return d
     moved = np.count_nonzero(d, axis=1, keepdims=True)
     usual = np.abs(d).sum(axis=1, keepdims=True) / np.maximum(moved, 1)
     d = np.clip(d, -LARGEST * usual, LARGEST * usual)
@@ -247,12 +263,10 @@ def _steps(grid: Floats) -> Floats:
     return np.asarray(np.divide(d, size, out=np.zeros_like(d), where=size > 0))
 
 
-def _electrical(fields: list[Field], grid: Floats) -> tuple[list[Guess], Guess | None]:
+def _electrical(
+    fields: list[Field], grid: Floats, fast: list[int], large: list[int]
+) -> tuple[list[Guess], Guess | None]:
     """Rank currents by how exactly a voltage takes their steps; with the voltage that most messages agree on."""
-    fast = [i for i, f in enumerate(fields) if f.rate_Hz >= FAST_Hz and len(np.unique(f.x)) >= 6]
-    large = [i for i in fast if _large(fields[i])]
-    if not large:
-        return [], None
     d, slower = _steps(grid[fast]), _steps(grid[fast][:, ::4])
     rows = [fast.index(j) for j in large]
     r = 0.5 * (np.abs(d @ d[rows].T) + np.abs(slower @ slower[rows].T))
@@ -373,13 +387,16 @@ def _scaled(x: Floats, scales: tuple[float, ...], ends: tuple[float, float]) -> 
     return next((s for s in scales if ends[0] <= s * top <= ends[1]), 1.0)
 
 
-def _warm(fields: list[Field], grid: Floats, currents: list[Field], voltage: Guess | None) -> list[Guess]:
+def _warm(
+    fields: list[Field], grid: Floats, length_s: Floats, currents: list[Field], voltage: Guess | None
+) -> list[Guess]:
     """Rank groups of slow fields that rise with the heat made."""
-    warmths = [w for f in currents for w in _warmths(grid[next(i for i, g in enumerate(fields) if g is f)], f)]
+    row = {id(f): i for i, f in enumerate(fields)}
+    warmths = [w for f in currents for w in _warmths(grid[row[id(f)]], length_s, f)]
     if not warmths:
         return []
     d = _steps(grid)
-    against = np.abs(d @ d[next(i for i, f in enumerate(fields) if f is voltage.field)]) if voltage else 0 * d[:, 0]
+    against = np.abs(d @ d[row[id(voltage.field)]]) if voltage else 0 * d[:, 0]
     slow = [i for i, f in enumerate(fields) if against[i] < FOLLOWS_STEPS and _slow(f)]
     kept = [(i, reading, _warms(grid[i], warmths)) for i in slow if (reading := _reading(fields[i])) is not None]
     groups: dict[tuple[int, int, bool, tuple[float, float]], list[tuple[int, float]]] = {}
@@ -436,10 +453,10 @@ def _reading(f: Field) -> tuple[float, float] | None:
     return None
 
 
-def _warmths(current: Floats, f: Field) -> list[Floats]:
+def _warmths(current: Floats, length_s: Floats, f: Field) -> list[Floats]:
     """Heat that a current makes: all of it kept, and as it leaks away within minutes."""
     made = np.nan_to_num((current - _rest(f)) ** 2)
-    return [np.cumsum(made), _leaky(made, float(np.exp(-STEP_S / LEAKS_S)))] if made.any() else []
+    return [np.cumsum(made), _leaky(made, np.exp(-length_s / LEAKS_S))] if made.any() else []
 
 
 def _warms(x: Floats, warmths: list[Floats]) -> float:
@@ -450,9 +467,9 @@ def _warms(x: Floats, warmths: list[Floats]) -> float:
     return max(float(np.corrcoef(x[good], w[good])[0, 1]) if np.ptp(w[good]) > 0 else 0.0 for w in warmths)
 
 
-def _leaky(made: Floats, k: float) -> Floats:
+def _leaky(made: Floats, left: Floats) -> Floats:
     out, y = np.empty_like(made), 0.0
-    for n, q in enumerate(made):
+    for n, (q, k) in enumerate(zip(made, left, strict=True)):
         y = k * y + q
         out[n] = y
     return out

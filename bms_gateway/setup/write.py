@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.config.model_file import write_model
+from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Statistic
 from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import UsageError
@@ -49,6 +50,8 @@ UNKNOWN_DOUBT: Final = 0.35
 UNKNOWN_WHY: Final = "the cell is not known and its size is a guess: name the cell (bms-gateway init ... --cell)"
 COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 """Surroundings between which those of an unknown cell lie."""
+NOT_TWICE: Final = 1.0 - 1e-5
+"""Factor of a scale that is that of the DBC's unit by chance: a config with it is refused, as if it converted twice."""
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -318,7 +321,10 @@ def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]
     fields = [f'{p.statistic}_of = "1-{cells}"'] if p.role == "surface" and p.index is None else []
     fields += [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
     if part * scale != 1.0:
-        fields.append(f"scale = {float(f'{part * scale:.6g}')!r}")
+        stated = float(f"{part * scale:.6g}")
+        if abs(stated) == signal_conversion(p.role, p.series.info.unit)[0] != 1.0:
+            stated = float(f"{NOT_TWICE * stated:.6g}")
+        fields.append(f"scale = {stated!r}")
     if offset != 0.0:
         fields.append(f"offset = {part * offset!r}")
     for name, value in p.overrides.items():

@@ -6,7 +6,6 @@ Of what was computed it holds the diagnoses alone, with digests of the records a
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Any, Final
 
 from bms_gateway.errors import UsageError
@@ -20,6 +19,8 @@ MOST: Final = 20
 """Additions of a session: more than any road has."""
 LONGEST_NOTES: Final = 10_000
 """Characters: five pages."""
+LARGEST: Final = 1e300
+"""Of the numbers that a diagnosis may have said."""
 NUMBER: Final = (float, int, type(None))
 RANKED: Final[dict[str, Any]] = {
     "name": str,
@@ -147,7 +148,8 @@ def additions_of(session: Mapping[str, Any]) -> list[Addition]:
     ------
     UsageError
     """
-    if session.get("workbench_session") != VERSION or not isinstance(session.get("files"), dict):
+    version = session.get("workbench_session")
+    if not _is(version, int) or version != VERSION or not isinstance(session.get("files"), dict):
         raise UsageError(f"session: this is no session file of the workbench (workbench_session = {VERSION})")
     added = session.get("added", [])
     if not isinstance(added, list) or len(added) > MOST:
@@ -192,14 +194,14 @@ def _by_part(one: Any) -> Any:
 
 
 def _is(x: Any, kind: Any) -> bool:
-    """Whether a value is of a type, or built as a list or mapping of types; numbers are finite."""
+    """Whether a value is of a type, or built as a list or mapping of types; a float can hold each number."""
     if isinstance(kind, list):
         return isinstance(x, list) and all(_is(y, kind[0]) for y in x)
     if isinstance(kind, dict):
         return isinstance(x, dict) and x.keys() == kind.keys() and all(_is(x[k], kind[k]) for k in kind)
     if isinstance(x, bool) and kind is not bool:
         return False
-    return isinstance(x, kind) and not (isinstance(x, float) and not isfinite(x))
+    return isinstance(x, kind) and not (isinstance(x, float | int) and not abs(x) <= LARGEST)
 
 
 def notes_of(found: Any) -> str:

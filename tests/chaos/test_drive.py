@@ -13,7 +13,7 @@ BROKEN = (T >= 90.0) & (T < 200.0)
 def shown(change: Change, noise: float = 0.0, at_once: int = 300) -> np.ndarray:
     """A surface that warms by 0.05 K/s, as its sensor shows it: broken from 90 to 200 s, so many seconds at once."""
     rng = np.random.default_rng(1)
-    series = Sensed(T, 20.0 + 0.05 * T, np.inf, noise, rng, change, 90.0, 200.0)
+    series = Sensed(T, 20.0 + 0.05 * T, noise=noise, rng=rng, change=change, start_s=90.0, end_s=200.0)
     return np.concatenate([series.at(T[k : k + at_once]) for k in range(0, 300, at_once)])
 
 

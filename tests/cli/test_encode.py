@@ -3,41 +3,19 @@
 import csv
 import json
 import re
-import tomllib
 import warnings
-from pathlib import Path
 
-import cantools
 import numpy as np
 import pytest
 
-from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.main import main
-from bms_gateway.frames.batch import EXTENDED
+from tests.cli.encoded import decode, put, words_of
 from tests.config.bench_cell import write_bench_cell, write_bench_table
 from tests.config.files import MAPPED, OWN, write
 from tests.config.race_car import write_race_car
 from tests.data import need
 
 COLUMNS = "time_s,current_A,coolant_inlet_C,voltage_V,soc,coolant_flow_m3_s,surface_1_C,surface_3_C,surface_5_C"
-
-
-def decode(log, config):
-    """Signals of a log as cantools reads them: "Message.Signal" → (times, values)."""
-    own = Path(__file__).resolve().parents[2] / "dbc" / "bms_gateway.dbc"
-    named = tomllib.loads(config.read_text()).get("bus", {}).get("dbc", [])
-    db = cantools.database.Database()
-    for file in (own, *(config.parent / name for name in named)):
-        db.add_dbc_file(file)
-    by_id = {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m for m in db.messages}
-    found = {}
-    for batch in read_log(log):
-        for t, can_id, length, data in zip(batch.time_ns, batch.can_id, batch.length, batch.data, strict=True):
-            message = by_id[int(can_id)]
-            values = message.decode(bytes(data[:length]), decode_choices=False)
-            for name, value in values.items():
-                found.setdefault(f"{message.name}.{name}", []).append((t * 1e-9, value))
-    return {name: np.array(pairs).T for name, pairs in found.items()}
 
 
 @pytest.fixture
@@ -129,46 +107,6 @@ def test_a_column_without_a_value_is_told(tmp_path, capsys, row, column):
     assert capsys.readouterr().err.splitlines() == [
         f"bms-gateway: note: {path}: {column} has no values: its signal is sent as not available"
     ]
-
-
-def test_a_blank_is_no_measurement_where_a_signal_cannot_say_not_available(tmp_path):
-    """Blank currents once left as 0 A, and 40 A that the table did not show: heat that the gateway never saw."""
-    table = put(tmp_path, [f"{t},{'' if 20 <= t < 40 else 10},25,26,27,28" for t in range(60)])
-    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
-    assert main(["encode", table, *words_of(config, log)]) == 0
-    got = decode(log, config)
-    time, mA = got["Pack.Current"]
-    assert np.all(mA == -10_000.0)
-    assert not np.any((time > 21.0) & (time < 40.0))
-    assert np.any(time < 20.0)
-    assert np.any(time > 41.0)
-    assert np.all(got["Pack.Voltage"][1] > 600_000)  # the table has no voltage: outside the range of the DBC
-    assert np.all(got["Pack.Soc"][1] > 100)
-
-
-def test_a_sensor_without_values_makes_no_alert(tmp_path, capsys):
-    table = put(tmp_path, [f"{t},5,25,26,,28" for t in range(120)])
-    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
-    assert main(["encode", table, *words_of(config, log)]) == 0
-    assert "surface_3_C has no values: no measurement of it is sent" in capsys.readouterr().err
-    assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path / "results")]) == 0
-    alerts = (tmp_path / "results" / "alerts.jsonl").read_text()
-    assert '"heat' not in alerts
-    assert '"alarm"' not in alerts
-
-
-@pytest.mark.parametrize(
-    ("row", "column", "signal"), [("5,25", "coolant_flow_m3_s", "Pack.Flow"), (",25", "current_A", "Pack.Current")]
-)
-def test_a_table_is_refused_where_a_blank_could_only_be_sent_as_a_measurement(tmp_path, capsys, row, column, signal):
-    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
-    vehicle = tmp_path / "vehicle.dbc"
-    if column == "coolant_flow_m3_s":
-        vehicle.write_text(vehicle.read_text().replace("[0|25]", "[0|0]"))
-    table = put(tmp_path, [f"{t},{row},26,27,28" for t in range(10)])
-    assert main(["encode", table, *words_of(config, log)]) == 2
-    assert f"{column} has no values, {signal} cannot say so" in capsys.readouterr().err
-    assert not log.exists()
 
 
 def test_the_same_table_gives_the_same_bytes(tmp_path, table):
@@ -275,13 +213,6 @@ def test_a_log_can_only_be_candump(tmp_path, table, capsys):
     assert "candump" in capsys.readouterr().err
 
 
-def put(tmp_path, rows, name="t.csv"):
-    (tmp_path / name).write_text(
-        "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n" + "\n".join(rows)
-    )
-    return str(tmp_path / name)
-
-
 def test_values_that_the_dbc_cannot_carry_are_told(tmp_path, capsys):
     config = write(
         tmp_path,
@@ -349,10 +280,6 @@ def test_a_value_beyond_all_bounds_is_told_without_a_warning_of_numpy(tmp_path, 
         warnings.simplefilter("error")
         assert main(["encode", table, *words_of(write(tmp_path), log)]) == 0
     assert "current_A: 1 of 10 rows, the first at line 5 (1e+308)" in capsys.readouterr().err
-
-
-def words_of(config, log):
-    return ["--config", str(config), "--out", str(log)]
 
 
 @pytest.mark.parametrize(

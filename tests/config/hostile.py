@@ -116,6 +116,27 @@ HOSTILE: dict[str, tuple[tuple[str, str, str], str]] = {
     ),
     "many multiplexer values": (dbc(SELECTED.format("0-4294967296")), "over 1,000,000 multiplexer values"),
     "multiplexer value of many digits": (dbc(SELECTED.format("0-" + "9" * 5000)), "over 1,000,000 multiplexer values"),
+    "20,000 labels of no signal": (
+        dbc("".join(f'VAL_ 256 No{k} 0 "a" ;\n' for k in range(20_000))),
+        r"line 23 \(VAL_ of No0\).* and 19995 more: no message has such a signal",
+    ),
+    "one character that makes all wide": (
+        dbc(f'CM_ "\N{GRINNING FACE}{"x" * (3 << 20)}";\n'),
+        r"vehicle.dbc: its 3,1\d\d,\d\d\d characters take 12 MiB of memory, 4 for each because of '.' in line 23",
+    ),
+    "the same in the config": (
+        config("\n# \N{GREEK SMALL LETTER ALPHA}" + "x" * (9 << 20)),
+        r"gateway.toml: its 9,4\d\d,\d\d\d characters take 18 MiB of memory, 2 for each because of 'α' in line",
+    ),
+    "the same in the model": (
+        (MAPPED, EXAMPLE + "#" + "x" * (5 << 20) + "\N{GRINNING FACE}", DBC),
+        r"string_1.toml: its .* take 20 MiB of memory, 4 for each",
+    ),
+    "DBC of 9 MiB": (dbc("\n" * (9 << 20)), "vehicle.dbc: longer than 8 MiB"),
+    "one comment of a quarter of a million": (
+        dbc(f'CM_ "{"x" * 262_145}";\n'),
+        "vehicle.dbc: line 23: a text of 262,145 characters; at most 262,144 are read",
+    ),
     "100,000 signals": ((MAPPED, EXAMPLE, many_signals(100_000)), "100000 signals; at most 20000"),
 }
 """Config, model and DBC, and what the line says."""
@@ -125,8 +146,8 @@ SLOW: dict[str, tuple[tuple[str, str, str], str]] = {
         ("\n".join(f"a{i}.b = 1" for i in range(200_000)) + "\n" + MAPPED, EXAMPLE, DBC),
         "gateway.toml: reading it takes over",
     ),
-    "900,000 labels": (
-        dbc("VAL_ 256 Soc " + " ".join(f'{i} "a{i}"' for i in range(900_000)) + " ;\n"),
+    "450,000 labels": (
+        dbc("VAL_ 256 Soc " + " ".join(f'{i} "a{i}"' for i in range(450_000)) + " ;\n"),
         "vehicle.dbc: reading it takes over",
     ),
 }

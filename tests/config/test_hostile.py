@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.config import bounds, load_config, toml
+from bms_gateway.config import bounds, load_config, text_file
 from bms_gateway.config.bounds import bounded
 from bms_gateway.errors import ConfigError
 from tests.config.files import DBC, MAPPED, write
@@ -61,7 +61,7 @@ def test_what_no_file_should_hold_is_told_in_one_line(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("name", SLOW)
 def test_what_takes_too_long_or_too_much_is_given_up(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bounds, "READ_S", 0.3)
+    monkeypatch.setattr(bounds, "READ_S", 0.1)
     files, says = SLOW[name]
     path = lay(tmp_path, files)
     began = time.process_time()
@@ -83,10 +83,43 @@ def test_a_whole_check_stays_within_eight_seconds_and_the_units_memory(name, tmp
     assert float(taken_s) < 8.0
 
 
-def test_a_name_that_is_too_long_for_a_store_is_told(tmp_path, capsys):
-    path = write(tmp_path, MAPPED.replace('"state"', f'"{"s" * 300}"'))
+@pytest.mark.parametrize(
+    ("store", "says"),
+    [
+        ("s" * 300, "cannot be made: a name of 300 bytes; at most 255 are possible"),
+        ("not there/" + "s" * 300 + "/state", "cannot be made: a name of 300 bytes"),
+        ("a" * 5000, "cannot be made: a name of 5000 bytes"),
+        ("ab/" * 1500, r"cannot be made: a path of 45\d\d bytes; at most 4032 are possible"),
+        ("string_1.toml", "string_1.toml is no directory; name one"),
+        ("string_1.toml/state", "string_1.toml is no directory; name one"),
+        ("nowhere", "nowhere is no directory"),
+        ("loop/state", "cannot be made: Too many levels of symbolic links"),
+        ("/dev/null", "/dev/null is no directory"),
+        ("/dev/zero/x", "/dev/zero is no directory"),
+        ("/proc/state", "no disk keeps what lies in /proc"),
+        ("to_proc/state", "no disk keeps what lies in /proc"),
+        ("/dev/state", "no disk keeps what lies in /dev"),
+    ],
+)
+@pytest.mark.parametrize("systemd", [False, True])
+def test_a_store_that_nobody_can_make_is_not_sound(store, says, systemd, tmp_path, capsys, monkeypatch):
+    """`check` noted it and called the config sound; or did not see that a folder to be made cannot be."""
+    path = write(tmp_path, MAPPED.replace('path = "state"', "" if systemd else f'path = "{store}"'))
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / store) if systemd else "")
+    (tmp_path / "nowhere").symlink_to(tmp_path / "gone")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "to_proc").symlink_to("/proc")
+    before = sorted(tmp_path.iterdir())
+    assert main(["check", str(path)]) == 2
+    assert re.search(rf"gateway.toml: {'STATE_DIRECTORY' if systemd else 'store.path'}: .*{says}", one_line_of(capsys))
+    assert [p for p in sorted(tmp_path.iterdir()) if p.name != "tables"] == before
+
+
+def test_a_store_that_only_this_user_cannot_make_is_a_note(tmp_path, capsys, monkeypatch):
+    path = write(tmp_path)
+    monkeypatch.setattr(os, "access", lambda *_: False)
     assert main(["check", str(path)]) == 0
-    assert "cannot be made: File name too long" in one_line_of(capsys)
+    assert re.search("store.path: .* cannot be written by this user: the state would not be kept", one_line_of(capsys))
 
 
 def test_a_file_that_never_ends_is_not_taken_in(capsys):
@@ -96,7 +129,7 @@ def test_a_file_that_never_ends_is_not_taken_in(capsys):
 
 def test_a_pipe_into_which_nobody_writes_is_given_up(tmp_path, monkeypatch, capsys):
     """`check` waited for its end for ever."""
-    monkeypatch.setattr(toml, "READ_S", 0.5)
+    monkeypatch.setattr(text_file, "READ_S", 0.5)
     os.mkfifo(tmp_path / "gateway.toml")
     assert main(["check", str(tmp_path / "gateway.toml")]) == 2
     assert "it came to no end in 0.5 s" in one_line_of(capsys)

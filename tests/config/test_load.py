@@ -287,7 +287,7 @@ def test_check_mentions_a_state_that_cannot_be_kept(tmp_path, capsys):
     assert main(["check", str(file)]) == 0
     assert capsys.readouterr().err == ""
     (tmp_path / "state").write_text("")
-    assert main(["check", str(file)]) == 0
+    assert main(["check", str(file)]) == 2
     assert f"store.path: {tmp_path / 'state'} is no directory" in capsys.readouterr().err
 
 

@@ -119,9 +119,33 @@ def test_the_readings_show_whether_the_current_stepped_between_its_rows():
     gained = []
     for on_the_row in (False, True):
         record, model = two_nodes(16, noise=0.02, on_the_row=on_the_row)
-        gained.append(shows_steps(fitted(Problem(model, [measured(record, model)])), [record]))
+        fit = fitted(Problem(model, [measured(record, model)]))
+        gained.append(shows_steps(fit, [record], np.ones(len(fit.y), np.bool_)))
     between, on = gained
     assert between > SHOWN > on
+
+
+def test_only_readings_that_count_show_steps():
+    record, model = two_nodes(16, noise=0.02)
+    fit = fitted(Problem(model, [measured(record, model)]))
+    counted = np.arange(len(fit.y)) < len(fit.y) // 2
+    (m,) = fit.problem.records
+    spoilt = replace(m, y=np.where(counted, m.y, m.y + 5.0))
+    other = replace(fit, problem=Problem(model, [spoilt]))
+    assert shows_steps(other, [record], counted) == shows_steps(fit, [record], counted)
+    assert shows_steps(fit, [record], ~counted) > 0.0
+    assert shows_steps(fit, [record], np.zeros(len(fit.y), np.bool_)) == 0.0
+
+
+def test_an_offset_of_the_current_is_not_taken_for_steps_between_its_rows():
+    """Steps counted by readings beyond the trained currents, which the offset was not judged by: "adequate"."""
+    offset = Scenario(
+        effects={"current_offset": ("weak", None)}, cells=1, sensors=(1,), noise=0.05, step=0.1, cycle="sweep",
+        inlet="steps", seed=91001020, columns=("flow", "soc"),
+    )  # fmt: skip
+    record, model = record_of(make_log(offset))
+    found = diagnose(model, [record])
+    assert [s.candidate.key for s in found.selected] == ["current_offset"], found.sentence
 
 
 @pytest.mark.parametrize("R_s", [0.0015, 0.004])

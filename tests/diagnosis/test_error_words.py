@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.diagnosis import judged, missing
+from bms_gateway.diagnosis.diagnosis import Errors, judged, missing, nothing_missing
 from bms_gateway.diagnosis.error_words import course
+from bms_gateway.diagnosis.residuals import Structure
 from bms_gateway.identify.map_fit import stacked
 from tests.diagnosis.decided import by_first
 
@@ -62,3 +63,16 @@ def test_what_is_tied_is_said_of_the_effect_that_it_looks_like():
     text = missing(d.baseline, d.after, selected=tied, remains=False)
     assert f"These readings cannot tell {second.candidate.key} from charge_transfer." in text
     assert "tell it" not in text
+
+
+def test_what_is_called_explained_is_told_with_the_error_that_was_judged():
+    """It said "explains these readings: 0.42 K, noise 0.1 K": the error was that of numbers held near a file."""
+    white = Structure(0.0, 0.0, 1.0)
+    judged = Errors(0.105, 0.108, 0.101, white)
+    same = nothing_missing(judged, judged, closest=judged)
+    assert "0.11 K on held-out blocks, noise 0.1 K" in same
+    assert "stated" not in same
+    stated = Errors(0.4, 0.42, 0.101, white)
+    apart = nothing_missing(stated, stated, closest=judged)
+    assert apart.startswith("The model explains these readings: 0.11 K on held-out blocks, where it comes closest")
+    assert "held near what was known and leave 0.42 K" in apart

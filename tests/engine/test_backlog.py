@@ -108,11 +108,13 @@ def test_what_has_waited_is_what_would_have_come_tick_by_tick(seed: int, holes: 
         backlog.catch_up(j)
     for a, b in zip(at_once, later, strict=True):
         assert a.found == b.found
-        for mine, theirs in ((a.identifier, b.identifier), (a.collector, b.collector)):
-            for name in ("_square", "_inlet", "_dt", "_held"):
-                assert getattr(mine, name) == getattr(theirs, name)
-            for one, other in zip(mine._readings.whole(), theirs._readings.whole(), strict=True):
-                assert np.array_equal(one, other)
+        mine, theirs = a.identifier.now, b.identifier.now
+        assert (mine.square, mine.inlet, mine.dt, mine.held) == (theirs.square, theirs.inlet, theirs.dt, theirs.held)
+        for name in ("_square", "_inlet", "_dt", "_held"):
+            assert getattr(a.collector, name) == getattr(b.collector, name)
+        for one, other in ((mine.readings, theirs.readings), (a.collector._readings, b.collector._readings)):
+            for x, y in zip(one.whole(), other.whole(), strict=True):
+                assert np.array_equal(x, y)
         assert a.collector._soc == b.collector._soc
     if not holes:
         assert all(len(a.found) >= 3 and b.waited > 250 for a, b in zip(at_once, later, strict=True))
@@ -154,7 +156,7 @@ def test_the_heat_of_each_string_comes_to_it() -> None:
     for j, s in enumerate(strings):
         backlog.catch_up(j)
         assert s.waited >= 20
-        assert s.identifier._heat == [1.0 + j + k for k in range(1, 30)]  # the first tick begins the window
+        assert s.identifier.now.heat == [1.0 + j + k for k in range(1, 30)]  # the first tick begins the window
 
 
 def test_a_string_that_was_caught_up_sees_the_next_tick_itself() -> None:

@@ -63,3 +63,12 @@ def test_reordered_frames_take_the_newest_time() -> None:
     out, _, clock = straight([100 * S, 100 * S - 5, 100 * S + 3], [])
     assert out == [100 * S, 100 * S, 100 * S + 3]
     assert clock.reordered == 1
+
+
+def test_two_clocks_in_turns_do_not_lead_out_of_64_bits() -> None:
+    times = [(1 if k // 2 % 2 == 0 else 8_900_000_000) * S + k for k in range(40)]
+    out, _, clock = straight(times, [7])
+    assert out == sorted(out)
+    assert out[-1] < 2**63
+    assert clock.absurd > 10
+    assert straight(times, [])[0] == out

@@ -54,6 +54,12 @@ def test_val_lines_without_a_signal_are_named_with_the_remedy() -> None:
             'BO_ 1 M: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\nVAL_ 1 t 0 "off";\nVAL_ 1 u 0 "off";\n',
             "line 6 (VAL_ of t), line 7 (VAL_ of u): no message has such a signal; remove these lines",
         ),
+        (
+            'BO_ 1 M: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\n'
+            + "".join(f'VAL_ 1 t{k} 0 "off";\n' for k in range(2000)),
+            "line 6 (VAL_ of t0), line 7 (VAL_ of t1), line 8 (VAL_ of t2), line 9 (VAL_ of t3), line 10 (VAL_ of t4) "
+            "and 1995 more: no message has such a signal; remove these lines",
+        ),
         ('BO_ 1 M: 8 A\n SG_ s 0|8@1+ (1,0) [0|0] "" A\n', "line 5, column"),
         ('BO_ 5000 M: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\n', "0x1388"),
         ('BO_ 1 M: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\nBO_ 1 N: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\n', "0x1"),

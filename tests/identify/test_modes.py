@@ -25,7 +25,7 @@ def problem_of(seed: int, cells: int, sensors: tuple[int, ...]) -> Problem:
 
 def led_in(problem: Problem) -> Point:
     """Lead a start far off to the neighbourhood of a mode, as a first window does."""
-    phi, xi = problem.prior_mean.copy(), problem.xi0
+    phi, xi = problem.sought.mean.copy(), problem.xi0
     for scale in ANNEAL:
         point = problem.minimise(phi, xi, SIZES, scale, 6)
         phi, xi = point.phi, point.xi

@@ -157,7 +157,7 @@ def test_sensitivities_are_the_slopes_of_the_whole_run(name, values):
     def end(m, moved=0.0, of=None):
         observer = EffectObserver(m, 1.0)
         if of is not None:
-            observer._v = replace(of, step=moved).moved(observer._v)
+            observer._of.now = replace(of, step=moved).moved(observer._of.now)
         run(observer, current, inlet, y)
         return observer
 

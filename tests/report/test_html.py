@@ -359,9 +359,10 @@ def test_without_a_diagnosis_the_page_says_what_the_data_lack(tmp_path):
     write_diagnosis(tmp_path / "x.html", told, title="<b>&")
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
-    assert [a["id"] for t, a in page.tags if t == "section"] == ["checks", "again"]
+    assert [a["id"] for t, a in page.tags if t == "section"] == ["again"]
+    assert "Look at the data first" in text
     assert "Insufficient data" in page.text
-    assert "a.csv: stop: The record lasts" in page.text
+    assert "a.csv: The record lasts" in page.text
     assert "<b>&" in page.text
     assert "<title>&lt;b&gt;&amp;</title>" in text
 

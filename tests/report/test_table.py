@@ -95,9 +95,15 @@ FAULTS = [
     (HEAD + "0,1,25\n,1,25\n", "line 3: time_s is missing"),
     ("time_s,soc,current_A,coolant_inlet_C\n0,,1,2\n1,60,1,2\n", "line 3: soc is 60; it must be a share, 0 to 1"),
     ("time_s,time_s,current_A,coolant_inlet_C\n", "line 1: column 'time_s' stands there twice"),
-    (HEAD[:-1] + "".join(f",c{k}" for k in range(30_000)) + "\n", "line 1: 30,003 columns, more than 10,000"),
+    (HEAD[:-1] + "".join(f",c{k}" for k in range(11_000)) + "\n", "line 1: 11,003 columns, more than 10,000"),
     (HEAD + "0,1," + "2" * 500_000, "line 2: no end of line in 128 KiB: not a table"),
-    (HEAD + '0,1,"' + "2" * 140_000 + '"\n', "line 2: field larger than field limit (131072)"),
+    (HEAD + '0,1,"' + "2" * 140_000 + '"\n', "line 2: no end of line in 128 KiB: not a table"),
+    (HEAD + "0,1," + "2" * 140_000 + "\n", "line 2: no end of line in 128 KiB: not a table"),
+    (
+        HEAD[:-1] + "," + "surface " * 100 + "\n",
+        "line 1: the name of column 4, 'surface surface surface surface surface ' …, has 799 characters; at most 500 "
+        "are read: shorten it",
+    ),
 ]
 
 

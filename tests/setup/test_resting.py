@@ -64,3 +64,15 @@ def test_both_are_written_into_the_config(tmp_path) -> None:
     assert loaded.config.observer.inlet_K == 1.0
     (inlet,) = (c for c in loaded.plan.strings[0].channels if c.quantity == "coolant_inlet")
     assert inlet.constant == pytest.approx(18.2)
+
+
+def test_what_no_surroundings_have_is_not_taken_for_theirs(tmp_path) -> None:
+    """A constant below absolute zero is none that a config may have."""
+    proposal = proposed(parked(), tmp_path)
+    for p in proposal.of("surface"):
+        p.series.x[::10] = -312.0
+        p.series.low = -312.0
+    assert surroundings(proposal, 1).value_C == pytest.approx(18.2, abs=0.3)
+    for p in proposal.of("surface"):
+        p.series.x[:] = -312.0
+    assert surroundings(proposal, 1) == Surroundings(25.0)

@@ -6,6 +6,7 @@ import math
 import pytest
 
 from bms_gateway.cli.main import main
+from bms_gateway.config import load_config, shipped
 from bms_gateway.config.model_file import read_model
 from bms_gateway.setup.proposal import Proposal
 from bms_gateway.setup.write import lump, unknown_priors
@@ -74,3 +75,14 @@ def test_cores_of_a_cell_that_is_not_named_are_doubtful_from_the_first_moment(tm
         doubtful = {r["quality"] for r in rows if r["core_C"]}
         assert (doubtful == {"doubtful"}) == (name == "not_named")
     assert "the cell is not known" in capsys.readouterr().out
+
+
+def test_a_scale_that_is_that_of_the_unit_is_no_second_conversion(tmp_path) -> None:
+    """A charge in 0.01 % that the DBC calls % needs the very scale of %."""
+    dbc = tmp_path / "a.dbc"
+    dbc.write_text(shipped("deploy/worked/vehicle.dbc").read_text().replace('(0.01,0) [0|100] "%"', '(1,0) [0|0] "%"'))
+    log = str(shipped("deploy/worked/drive.log.gz"))
+    assert main(["init", log, "--dbc", str(dbc), "--out", str(tmp_path / "v"), "--yes"]) == 0
+    plan = load_config(tmp_path / "v" / "gateway.toml").plan
+    soc = next(c for c in plan.strings[0].channels if c.quantity == "soc")
+    assert soc.scale == pytest.approx(1e-4, rel=2e-5)

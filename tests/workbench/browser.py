@@ -28,6 +28,8 @@ const told = await fetch(`/api/state?desk=${desk}`).then(r => r.ok ? r.json() : 
 return Boolean(told && told.job === null && String(told.version) === body.version && rests());
 """
 KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014", "Down": "\ue015"}
+# what the driver says of an element that left the page after it was found, and before it was
+DRAWN_ANEW = ("stale element reference", "no such element")
 
 
 def why_none() -> str:
@@ -151,8 +153,18 @@ class Window:
 
     def click(self, css) -> None:
         come(lambda: self.there(css), lambda: f"{css} to click on; error line: {self.text('#error')!r}")
-        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)
-        self._call("POST", f"/element/{self._element(css)}/click", {})
+        come(lambda: self._clicked(css), f"{css} that stays long enough to be clicked on")
+
+    def _clicked(self, css) -> bool:
+        """Click on what matches now; False where the page drew it anew before the click reached it."""
+        try:
+            self.run("document.querySelector(arguments[0])?.scrollIntoView({block: 'center'})", css)
+            self._call("POST", f"/element/{self._element(css)}/click", {})
+        except AssertionError as e:
+            if not str(e).startswith(DRAWN_ANEW):
+                raise
+            return False
+        return True
 
     def type(self, css, text) -> None:
         element = self._element(css)

@@ -130,7 +130,7 @@ def test_no_field_of_it_is_of_another_type(diagnosed, place, wrong):
         diagnoses_of(session)
 
 
-@pytest.mark.parametrize("wrong", [float("inf"), True, "3"])
+@pytest.mark.parametrize("wrong", [float("inf"), 10**400, -(10**301), True, "3"])
 def test_no_number_of_a_ranking_is_of_another_type(diagnosed, wrong):
     session = json.loads(diagnosed[0])
     session["diagnosed"][0]["said"]["ranking"][0]["needs"] = wrong

@@ -71,6 +71,8 @@ def test_notes_come_and_go_over_the_wire_and_stay_what_they_were(pack):
     [
         {},
         {"workbench_session": 2, "files": {}},
+        {"workbench_session": True, "files": {}},
+        {"workbench_session": 1.0, "files": {}},
         {"workbench_session": 1, "files": []},
         {"workbench_session": 1, "files": {}, "added": [{"effects": "a"}]},
         {"workbench_session": 1, "files": {}, "added": [{"effects": []}]},
@@ -117,9 +119,9 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
         assert page.text("#notes-told") == WRITTEN  # as text: nothing of it is run or drawn
         page.click("#tab-take")
         assert page.run("return document.querySelector('#notes-text').value") == WRITTEN
-        other = window(url)  # the same browser, of which the server knows nothing any more
-        other.run("sessionStorage.workbench = arguments[0]", kept)
-        other.reload()
+        other = window(url + "icon.svg")  # the same browser, of which the server knows nothing any more
+        other.run("sessionStorage.workbench = arguments[0]", kept)  # while no script of the page can write there
+        other.go(url)
         other.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
         assert other.text("#error-text") == ""
         assert other.run("return document.querySelector('#notes-text').value") == WRITTEN

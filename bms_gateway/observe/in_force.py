@@ -1,0 +1,145 @@
+"""What the adaptive observer takes for the numbers of its strings, and which of their sensors it hears."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bms_gateway.observe.cell_scatter import exchanged, prior_covariance, root
+from bms_gateway.observe.covariance_steps import READ_WITHIN
+from bms_gateway.observe.flow import at_level, flow_levels
+from bms_gateway.observe.model import Bools, Ints
+from bms_gateway.observe.sensitivity import PARAMETERS
+from bms_gateway.thermal import Floats, StringModel, StringParameters
+
+
+@dataclass(slots=True)
+class InForce:
+    """Numbers of S strings of n cells.
+
+    Attributes
+    ----------
+    models : tuple of StringModel
+    parameters : list of StringParameters
+        At nominal flow.
+    level : ndarray of int (S,)
+        Level of the coolant flow (`flow`).
+    cov, root : ndarray (S, p, p)
+        Covariance of the logarithms of `PARAMETERS`, and a root of it.
+    gain : ndarray (S,)
+        Of heat that is given instead of made from I²R_e.
+    R_e, share : ndarray (S, n)
+        Ω; heat of each cell over the mean of its string.
+    """
+
+    models: tuple[StringModel, ...]
+    parameters: list[StringParameters]
+    level: Ints
+    cov: Floats
+    root: Floats
+    gain: Floats
+    R_e: Floats = field(init=False)
+    share: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._renew()
+
+    @classmethod
+    def of(cls, models: Sequence[StringModel], heat_rel_sd: float) -> "InForce":
+        """Take them from models; `heat_rel_sd` is the relative error of given heat."""
+        cov, S = np.stack([prior_covariance(m, heat_rel_sd) for m in models]), len(models)
+        roots = np.stack([root(c) for c in cov])
+        return cls(tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S))
+
+    @property
+    def cells(self) -> int:
+        """Count the cells of a string."""
+        return self.models[0].cells
+
+    def string(self, s: int) -> StringParameters:
+        """Numbers of string `s` at its flow of now."""
+        return at_level(self.parameters[s], int(self.level[s]))
+
+    def strings(self) -> list[StringParameters]:
+        """Numbers of all strings at their flows of now."""
+        return [self.string(s) for s in range(len(self.models))]
+
+    def follow_flow(self, ratio: Floats) -> Ints:
+        """Take flows over nominal (S,), NaN for the last one; which strings have other numbers by it."""
+        if np.isnan(ratio).all():
+            return np.zeros(0, np.int64)
+        self.level, moved = flow_levels(ratio, self.level)
+        return np.flatnonzero(moved)
+
+    def moved(self, s: int, values: Mapping[str, float | Floats]) -> StringParameters:
+        """Numbers of string `s` with other values, of which those that it does not have are left out."""
+        now = {k: getattr(self.parameters[s], k) for k in self.models[s].priors}
+        return self.models[s].parameters({**now, **{k: v for k, v in values.items() if k in now}})
+
+    def exchange(self, s: int, new: StringParameters, gain: float, names: Sequence[str], covariance: Floats) -> None:
+        """Take other numbers of string `s`, and the covariance (k, k) of the logarithms of k of them."""
+        self.parameters[s] = new
+        self.gain, self.cov, self.root = self.gain.copy(), self.cov.copy(), self.root.copy()
+        self.gain[s] = gain
+        self.cov[s] = exchanged(self.cov[s], [PARAMETERS.index(name) for name in names], covariance)
+        self.root[s] = root(self.cov[s])
+        self._renew()
+
+    def restore(self, parameters: list[StringParameters], level: Ints, cov: Floats, gain: Floats) -> None:
+        """Take all of them."""
+        self.parameters, self.level, self.cov, self.gain = parameters, level, cov, gain
+        self.root = np.stack([root(c) for c in cov])
+        self._renew()
+
+    def _renew(self) -> None:
+        self.R_e = np.stack([p.R_e for p in self.parameters])
+        self.share = np.asarray(self.R_e / self.R_e.mean(axis=1, keepdims=True), dtype=np.float64)
+
+
+@dataclass(slots=True)
+class Heard:
+    """Which sensors of S strings with m sensors were read lately.
+
+    Attributes
+    ----------
+    unread : ndarray (S, m), s
+        Since when each was not read.
+    sd : ndarray (S, m), K
+        Of the newest readings, by what was known before them; NaN for none.
+    fresh : bool
+        All were read in the newest step.
+    """
+
+    unread: Floats
+    sd: Floats
+    fresh: bool = False
+    _rested: bool = False  # the bands rest on those of all sensors
+    _resting: bytes = b""  # which readings the bands rest on; nothing: to be found out
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...]) -> "Heard":
+        """Tell of sensors (S, m) that were never read."""
+        return cls(np.full(shape, np.inf), np.full(shape, np.nan))
+
+    def take(self, read: Bools, dt: float) -> None:
+        """Take in which were read in a step of `dt` seconds."""
+        self.unread = np.where(read, 0.0, self.unread + dt)
+
+    def pass_time(self, gap_s: float) -> None:
+        """Pass over a time in which nothing was read."""
+        self.unread, self.fresh = self.unread + gap_s, False
+
+    def forget(self) -> None:
+        """Forget what the bands rest on."""
+        self._resting, self._rested = b"", False
+
+    def newly(self) -> Bools | None:
+        """Which sensors bands can rest on now; None if they are those of the last time."""
+        if self.fresh and self._rested:
+            return None
+        read: Bools = self.unread <= READ_WITHIN
+        self._rested = bool(read.all())
+        if self._resting == read.tobytes():
+            return None
+        self._resting = read.tobytes()
+        return read
