@@ -20,8 +20,10 @@ from bms_gateway.thermal.string import coolant_path
 KELVIN = 273.15
 LEAST_LOSS, MOST_LOSS = -1.5, 0.95
 """Share of the film's conductance that is lost."""
-LEAST_LEFT = 0.3
-"""Least share of a film of which a cell keeps its own: less is left of a film only by a model that is wrong."""
+MOST_WHOLE = 0.5
+"""Greatest common loss, of the films' usual conductance, at which a cell's own share counts in full. A common loss is
+known to some tenths only, and an own share that follows a wrong one makes the film of each cell wrong. What is lost
+beyond takes from the own share as well: else a pump that stops leaves cells that differ by more than they do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +191,7 @@ class Unknown:
     lost : ndarray (S, n), W
         What the casings keep of the heat that they would give to the coolant, by the numbers in force.
     film, own_film : ndarray (S, n), W
-        Derivatives of this by the lost share of all films, and of the cell's own of what is left of it.
+        Derivatives of this by the lost share of all films, and by the cell's own.
     keeps : ndarray (S, n), W/K
         Derivative of it by the mean gap between casing and coolant.
     entropy : ndarray (S, n), A K
@@ -204,7 +206,7 @@ class Unknown:
     entropy: Floats
 
     @classmethod
-    def of(cls, b: Balances, at: Layout, z: Floats, q: Floats, gap: Floats, current: Floats) -> "Unknown":
+    def of(cls, b: Balances, at: Layout, z: Floats, q: Floats, gap: Floats, current: Floats, film: Floats) -> "Unknown":
         """Take them from the numbers.
 
         Parameters
@@ -218,12 +220,16 @@ class Unknown:
             Casing over coolant, mean of the step, if the films are as identified.
         current : ndarray (S,), A
             Its mean; 0 where not known.
+        film : ndarray (S,)
+            Usual loss of all films; NaN before it is known.
         """
         own = np.matmul(at.told_of, z[:, at.own_flow, None])[:, :, 0]
         common = np.clip(z[:, at.flow, None], LEAST_LOSS, MOST_LOSS)
-        # a cell's own share is of what is left; with few sensors, it cannot be told from the common one
+        # with few sensors, a cell's own share cannot be told from the common one
         several = at.fitted.sum(axis=1)[:, None] >= REFERENCE
-        left = np.where(several, np.clip(1.0 - common, LEAST_LEFT, 1.0), 1.0)
+        usual = np.minimum(film, MOST_LOSS)[:, None]
+        evident = several & np.isfinite(usual)
+        left = np.where(evident, np.minimum(1.0, MOST_WHOLE + (1.0 - common) / (1.0 - usual)), 1.0)
         share = np.clip(common + own * left, LEAST_LOSS, MOST_LOSS)
         # what a film keeps widens the gap within the step already
         k = np.arange(at.cells)
@@ -231,8 +237,8 @@ class Unknown:
         flux = gap * per_gap
         warm = z[:, 0 : at.nodes : 2] + KELVIN
         by_share = flux * b.R_u * per_gap
-        film, own_film = by_share * np.where(left < 1.0, 1.0 - own, 1.0), by_share * left
-        return cls(q, share * flux, film, own_film, share * per_gap, -current[:, None] * warm)
+        by_film, own_film = by_share * np.where(left < 1.0, 1.0 - own, 1.0), by_share * left
+        return cls(q, share * flux, by_film, own_film, share * per_gap, -current[:, None] * warm)
 
 
 def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) -> tuple[Floats, Floats]:

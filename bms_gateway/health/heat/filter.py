@@ -130,6 +130,8 @@ class HeatFilter:
         The model has no effects.
     told_at : ndarray (S, n), °C
         Cores when R_e was told; NaN before a string ran.
+    film : ndarray (S,)
+        Usual loss of the films' conductance, as a share; NaN before it is known.
     """
 
     def __init__(self, models: Sequence[StringModel], dt: float, ticks: int) -> None:
@@ -150,6 +152,7 @@ class HeatFilter:
         self._past: Floats = np.zeros((S, at.sensed, ticks))  # K: casings in the step before, over those at its end
         self.plain: Bools = np.array([not m.effects for m in models], np.bool_)
         self.told_at: Floats = np.full((S, at.cells), np.nan)
+        self.film: Floats = np.full(S, np.nan)
         self.before: Floats = np.zeros((S, COMMON))
         self.calm: Bools = np.zeros(S, np.bool_)
         for s in range(S):
@@ -242,7 +245,7 @@ class HeatFilter:
         heated_both = np.concatenate((heated[-1], (heated_at * when).sum(axis=2)), axis=1)
         casings = b.mean.free(z[:, :N], m.inlet0, m.inlet1) + np.tensordot(even(b.ticks), heated[:, :, 1::2], 1)
         gap = casings - b.coolant(casings, (m.inlet0 + m.inlet1) / 2.0 + self._usual_inlet)
-        by = Unknown.of(b, at, z, q, gap, m.current)
+        by = Unknown.of(b, at, z, q, gap, m.current, self.film)
         X, moved = coupling(both, at, z, by, heated_both)
         T = both.free(z[:, :N], m.inlet0, m.inlet1) + heated_both + moved
         z1, mean = np.concatenate((T[:, :N], z[:, N:] * self.decay), axis=1), T[:, N:]

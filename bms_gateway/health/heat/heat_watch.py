@@ -284,6 +284,7 @@ class HeatWatch:
         self.course.few = (f.at.fitted & ~aside).sum(axis=1) < REFERENCE
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         self._used = np.isfinite(use)
+        f.film = self.course.film
         x = f.step(Step(heat, current, inlet0, inlet1, use, R, when))
         self._gaps = x.surface - x.coolant
         self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
