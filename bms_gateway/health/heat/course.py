@@ -11,9 +11,10 @@ from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.thermal import Floats
 
-LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -6.0
+LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -100.0
 """A jump of the inlet's reading by the first number in one step makes it doubtful for the time of the second. An inlet
-that neither jumps nor stands still is most likely sound; the third number is the ln prior of its fault."""
+that neither jumps nor stands still is taken for sound: coolant that seems warmer than it is read looks like a film that
+cools less. The third number is the ln prior of its fault."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
 """Ratio of the measured heat to that of the current. The current is not credible if the ratio plus so many sd is below
 the first number, and is credible again above the third."""
@@ -28,8 +29,9 @@ alarm."""
 FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
 """Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change, and
 for a loss so large that its speed does not matter."""
-SLOW_S = 300.0
-"""Time for which a loss that came slowly, as a dirty filter or a weak fan makes it, must have been there."""
+SLOW_S, MUCH = 300.0, 0.8
+"""Time for which a loss that came slowly, as a dirty filter or a weak fan makes it, must have been there; and the
+growth of R_u above which a minute is enough."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
 FOUND_STEPS = 60

@@ -7,6 +7,7 @@ from math import exp, sqrt
 import numpy as np
 
 from bms_gateway.health.heat.course import (
+    COLD,
     COOLING,
     COOLING_BACK,
     COOLING_GRAVE,
@@ -14,7 +15,9 @@ from bms_gateway.health.heat.course import (
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
+    MISSING,
     MISSING_BACK,
+    MUCH,
     SLOW_S,
     SOUND_INLET,
     Course,
@@ -443,6 +446,8 @@ class Verdict:
         new = []
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
+        # a model that says so would need a current that cools
+        warms = warms and float(f.made()[0][s]) > COLD
         warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
         if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
             new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
@@ -453,11 +458,14 @@ class Verdict:
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
             least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
             lost = u - self.course.film[s]
+            # a film shows by heat that stays: where the current seems to make none, the film that explains it is none
+            own = own or share < MISSING
             slower = grown > least and lost > sure * u_sd and not own
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
             less = grown > COOLING and lost > FLOW_SURE * u_sd and not own and bool(self.course.shows_films(f)[s])
+            slow_s = HOLD_COMMON_S if grown > MUCH else SLOW_S
             self._less_ns = (now_ns if self._less_ns is None else self._less_ns) if less else None
-            if self._held(self._slow_ns, now_ns, hold) or self._held(self._less_ns, now_ns, SLOW_S):
+            if self._held(self._slow_ns, now_ns, hold) or self._held(self._less_ns, now_ns, slow_s):
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
