@@ -78,7 +78,7 @@ def test_cores_of_a_string_with_a_short_stay_inside_their_band_from_five_minutes
 )
 def test_what_looks_like_heat_is_told_by_its_own_name(fault: str, size: float, code: str) -> None:
     case = replace(SHORT, fault=fault, size=size)
-    for alerts in raised(case, range(51, 53)):
+    for alerts in raised(case, range(50, 52)):
         assert alerts
         assert alerts[0][1] == code
         assert alerts[0][0] - case.at <= 600
