@@ -237,6 +237,7 @@ class Traffic:
             for signal, (info, c) in infos.items()
             if signal not in fed_signals and not_available(info) is None and refused[signal] is None
         }
+        self._mute = {s: (info.scale, info.offset) for s, (info, _) in infos.items() if not_available(info) is None}
         self._refused = {signal: raw for signal, raw in refused.items() if raw is not None}
         self._encoder = Encoder(database, tuple(messages), self._refused)
         self._slots = _spread(self._load(database, wanted))
@@ -291,6 +292,18 @@ class Traffic:
                 can_id = int(self._encoder.can_id[slot.row])
                 names = self._encoder.columns(slot.row)
                 found += [self._others[can_id, name] for name in names if (can_id, name) in self._others]
+        return found
+
+    def in_place(self, feeds: Sequence[Mapping[Key, Series]]) -> dict[str, float]:
+        """Tell what is sent, SI, of the signals that have no values and cannot say so: what their reader refuses."""
+        found: dict[str, float] = {}
+        for slot in self._slots:
+            if any(_known(feeds[feed], channel) for _, feed, channel in slot.cargo) or not slot.silent:
+                for _, feed, c in slot.cargo:
+                    raw = self._refused.get(c.signal or "")
+                    if raw is not None and c.signal in self._mute and not _known(feeds[feed], c):
+                        scale, offset = self._mute[c.signal]
+                        found[c.signal] = c.scale * (raw * scale + offset) + c.offset
         return found
 
     def between(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> FrameBatch:
@@ -352,7 +365,7 @@ def _known(feed: Mapping[Key, Series], c: Channel) -> bool:
 def _refused(info: SignalInfo, c: Channel) -> float | None:
     """Give a raw value that no reader takes for a measurement; None if there is none.
 
-    A temperature above its range counts as heat. So a temperature takes its lowest value, which a broken wire reads.
+    A temperature above its range counts as heat. So a temperature takes its lowest value, which a missing sensor reads.
     """
     if info.is_float or info.place.size > LARGEST_BITS:
         return None

@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
@@ -12,7 +12,8 @@ from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bms_gateway.bus.traffic import Key, Series
+    from bms_gateway.bus.traffic import Key, Series, Traffic
+    from bms_gateway.config.load import LoadedConfig
     from bms_gateway.engine.plan import Plan
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.report.table import Table
@@ -57,11 +58,10 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
     from bms_gateway.cli.table_checks import (
-        empty,
-        far_apart,
         not_carried,
         refuse_log,
         refuse_made_up,
+        refuse_nothing,
         refuse_other_units,
     )
     from bms_gateway.config import load_config
@@ -83,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         raise DataError(f"{table.source}: one row is too short: a value holds from its row to the next")
     if table.notes:
         note(f"{table.source}: {'; '.join(table.notes)}")
+    refuse_nothing(plan.strings[index], table)
     refuse_other_units(plan.strings[index], loaded.database, table)
     feed = _feed(plan, index, table)
     traffic = Traffic(plan, loaded.database, [index])
@@ -99,13 +100,38 @@ def run(args: argparse.Namespace) -> int:
         frames = write_log(args.out, shown())
     name, seconds = plan.strings[index].name, (stop_ns - start_ns) / SECOND
     lost = not_carried(plan.strings[index], loaded.database, table)
+    said = _tell(loaded, index, table, traffic, lost, feed)
+    if args.json:
+        numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
+        write_json(args.json, {"log": args.out, **numbers})
+    say(f"{args.out}: {frames} frames, {seconds:.1f} s of {name}", args.json)
+    for told in said:
+        say(told, args.json)
+    return 0
+
+
+def _tell(
+    loaded: "LoadedConfig",
+    index: int,
+    table: "Table",
+    traffic: "Traffic",
+    lost: "list[dict[str, Any]]",
+    feed: "dict[Key, Series]",
+) -> list[str]:
+    """Note what the log has not as the table has it; returns what may be said of signals that nobody asked for."""
+    from bms_gateway.cli.table_checks import empty, far_apart
+
+    string = loaded.plan.strings[index]
     for x in lost:
         note(
             f"{table.source}: {x['column']}: {x['rows']} of {len(table)} rows, the first at {x['first']}, do not fit "
             f"{x['signal']} ({x['lowest']:.6g} to {x['highest']:.6g}) and are sent as {x['sent_as']}"
         )
-    for column, sent in empty(plan.strings[index], loaded.database, table):
-        note(f"{table.source}: {column} has no values: {sent}")
+    stated = loaded.config.string[index].signals is not None
+    lacks = empty(string, loaded.database, table, traffic.in_place([feed]))
+    for missing, told in lacks:
+        if stated or not missing:
+            note(f"{table.source}: {told}")
     for message, count in traffic.left_out.items():
         note(
             f"{table.source}: {count} frames of {message} are left out with all that they carry, because a value in "
@@ -117,11 +143,7 @@ def run(args: argparse.Namespace) -> int:
             "value until the next row, so the heat in between is not that of the cells: cores and alerts of this log "
             "are no test of the gateway"
         )
-    if args.json:
-        numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
-        write_json(args.json, {"log": args.out, **numbers})
-    say(f"{args.out}: {frames} frames, {seconds:.1f} s of {name}", args.json)
-    return 0
+    return [told for missing, told in lacks if missing and not stated]
 
 
 def _string(plan: "Plan", name: str | None) -> int:

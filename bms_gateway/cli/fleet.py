@@ -115,11 +115,14 @@ class _Seen:
         self._hottest: list[tuple[float, int, Row]] = []
 
     def passing(self, rows: "Iterable[Row]") -> "Iterator[Row]":
+        from bms_gateway.thermal.centre import compared
+
         for row in rows:
             self.rows += 1
             self.vehicles.add(row["vehicle"])
             if row["worst_core_C"] is not None:
-                heappush(self._hottest, (row["worst_core_C"], -self.rows, row))
+                rank = float(compared(row["worst_core_C"], row["worst_core_sd_K"] or 0.0))
+                heappush(self._hottest, (rank, -self.rows, row))
                 if len(self._hottest) > MOST_SHOWN:
                     heappop(self._hottest)
             yield row

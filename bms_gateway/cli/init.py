@@ -11,7 +11,7 @@ from bms_gateway.cli.main import Parser
 
 if TYPE_CHECKING:
     from bms_gateway.setup.picture import Cores
-    from bms_gateway.setup.proposal import Proposal, Proposed
+    from bms_gateway.setup.proposal import Proposal, Proposed, Role
     from bms_gateway.setup.vehicle_logs import Traffic
     from bms_gateway.setup.without_dbc import Guess
     from bms_gateway.thermal.cells import CellFacts
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if not _may_write(out, args):
         return 1
     if _asks(args):
-        _ask(proposal)
+        proposal = _ask(traffic, proposal)
     return _write(args, out, cell, traffic, proposal)
 
 
@@ -107,7 +107,7 @@ def _write(
     if args.json:
         write_json(args.json, document(proposal))
     say(_table(proposal), args.json)
-    for text in written.notes:
+    for text in settled.notes:
         note(text)
     if cell is None:
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
@@ -150,7 +150,7 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
 def _tell_guesses(guesses: "list[Guess]", out: Path, args: argparse.Namespace) -> None:
     from bms_gateway.cli.output import say
     from bms_gateway.report.show import text_table
-    from bms_gateway.setup.without_dbc import name_of
+    from bms_gateway.setup.bit_fields import name_of
 
     rank = dict.fromkeys(("current", "voltage", "surface"), 0)
     rows = []
@@ -298,16 +298,37 @@ def _reasons(proposal: "Proposal") -> list[str]:
     return lines
 
 
-def _ask(proposal: "Proposal") -> None:
-    """Ask about every uncertain choice for the whole pack; a refused signal is left out."""
+def _ask(traffic: "Traffic", proposal: "Proposal") -> "Proposal":
+    """Ask about every uncertain choice for the whole pack; for a refused signal the next best one is offered."""
+    from bms_gateway.cli.output import note
     from bms_gateway.frames.vocabulary import INPUTS
+    from bms_gateway.setup.propose import propose
 
-    for p in [p for p in proposal.signals if not p.sure and p.role not in ("surface", "cell_voltage")]:
+    refused: dict[str, Role] = {}
+    agreed: set[tuple[str, str, int | None]] = set()
+    told = set(proposal.remarks)
+    while (p := next((p for p in proposal.signals if _unsure(p) and _place(p) not in agreed), None)) is not None:
         factor, unit = READ_AS[INPUTS[p.role].kind]
         low, high = (factor * x for x in p.observed)
-        if not _agrees(f"{p.role}: {p.path} ({low:.4g} … {high:.4g} {unit}; {'; '.join(p.why[:3])})?"):
-            proposal.signals.remove(p)
-            proposal.unused.append((p.path, f"refused as {p.role}"))
+        instead = "next best " if p.role in refused.values() else ""
+        if _agrees(f"{instead}{p.role}: {p.path} ({low:.4g} … {high:.4g} {unit}; {'; '.join(p.why[:3])})?"):
+            agreed.add(_place(p))
+            continue
+        refused[p.path] = p.role
+        proposal = propose(traffic, refused)
+        for remark in proposal.remarks:
+            if remark not in told:
+                note(remark)
+        told.update(proposal.remarks)
+    return proposal
+
+
+def _unsure(p: "Proposed") -> bool:
+    return not p.sure and p.role not in ("surface", "cell_voltage")
+
+
+def _place(p: "Proposed") -> "tuple[str, str, int | None]":
+    return p.role, p.path, p.string
 
 
 def _agrees(question: str) -> bool:

@@ -1,6 +1,6 @@
 """Checks of a table by `encode`, before and after it is converted to frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.plan import Channel, StringPlan
+from bms_gateway.engine.reasons import REASONS
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import not_available
+from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.records.kind import log_kind
@@ -24,6 +26,8 @@ UNITS: dict[str, tuple[tuple[str, str, float, float], ...]] = {
     "flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
 }
 """Units in which each kind of quantity may be written: unit, that of a table, factor and offset to the latter."""
+SHORT = REASONS[Quality.SHORT]
+MOST_NAMED = 4
 MOSTLY = 0.9
 FAR_S = 10.0
 """s. If the rows of a current are not further apart, its heat is right on average: cells follow more slowly."""
@@ -100,17 +104,57 @@ def refuse_made_up(string: StringPlan, table: Table, made_up: Sequence[Channel])
         )
 
 
-def empty(string: StringPlan, database: Database, table: Table) -> list[tuple[str, str]]:
-    """Name the columns of the string's signals that are blank from end to end, and say what is sent of them."""
-    found = []
+def empty(
+    string: StringPlan, database: Database, table: Table, in_place: Mapping[str, float]
+) -> list[tuple[bool, str]]:
+    """Say of which signals of the string the log has no measurement, because a column is missing or blank throughout.
+
+    Parameters
+    ----------
+    in_place : mapping of signal to what is sent of it, SI
+
+    Returns
+    -------
+    list of (missing, sentence)
+        `missing`: there is no such column.
+    """
+    alike: dict[tuple[bool, str], list[str]] = {}
     for c in string.channels:
         values = _column(table, c)
-        if c.signal is None or values is None or np.isfinite(values).any():
+        if c.signal is None or c.statistic is not None or (values is not None and np.isfinite(values).any()):
             continue
         says = not_available(database.resolve(c.signal)) is not None
-        sent = "its signal is sent as not available" if says else "no measurement of it is sent"
-        found.append((INPUTS[c.quantity].column.format(c.cell), sent))
+        sent = "{its} sent as not available" if says else "no measurement of {it} is sent"
+        if (value := in_place.get(c.signal)) is not None:
+            reason = SHORT if INPUTS[c.quantity].kind == "temperature" else "out of its range"
+            given = f"{value:.6g} {INPUTS[c.quantity].unit}".rstrip()
+            sent = f"{{its}} sent as {given}, which the gateway refuses: {reason}"
+        alike.setdefault((values is None, sent), []).append(INPUTS[c.quantity].column.format(c.cell))
+    found = []
+    for (missing, sent), columns in alike.items():
+        many, more = len(columns) > 1, len(columns) - MOST_NAMED
+        shown = ", ".join(columns[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+        it, its = ("them", "their signals are") if many else ("it", "its signal is")
+        what = f"no column {shown}" if missing else f"{shown} {'have' if many else 'has'} no values"
+        found.append((missing, f"{what}: {sent.format(it=it, its=its)}"))
     return found
+
+
+def refuse_nothing(string: StringPlan, table: Table) -> None:
+    """Refuse a table without a single value for a signal of the string.
+
+    Raises
+    ------
+    DataError
+    """
+    columns = [(c, _column(table, c)) for c in string.channels if c.signal is not None and c.statistic is None]
+    several = [x for c in string.channels for k in c.among if (x := table.surface_C.get(k)) is not None]
+    if not any(x is not None and np.isfinite(x).any() for x in (*(x for _, x in columns), *several)):
+        wanted = ", ".join(INPUTS[c.quantity].column.format(c.cell) for c, _ in columns[:MOST_NAMED])
+        raise DataError(
+            f"{table.source}: no row has a value of {wanted} …: nothing was written; fill the cells, or map other "
+            "columns (--columns NAME=COLUMN)"
+        )
 
 
 def far_apart(table: Table) -> float | None:

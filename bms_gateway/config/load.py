@@ -4,6 +4,7 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Final
 
@@ -22,7 +23,7 @@ from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import sent_from
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
-from bms_gateway.frames.signal_info import MessageInfo
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
 from bms_gateway.thermal import StringModel
 
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
     from bms_gateway.engine import Engine
 
 MOST_LISTED: Final = 1000
+LEAST_SHARE: Final = 1e-6
+"""Of what the gateway believes of a quantity: bits that span less say always the same."""
+MOST_OFF: Final = 1e12
+"""Of what the gateway believes: greatest factor of a floating-point number, and one over the least."""
 ENGINE_S: Final = 15.0
 ENGINE_MIB: Final = 160
 """A string of 300 cells takes 150; the unit has 256 for all."""
@@ -290,7 +295,45 @@ class _Wiring:
                 f"{key}: the DBC gives '{source.signal}' in {info.unit}, which is converted without a scale; "
                 f"leave scale = {source.scale:g} out"
             )
-        return Channel(quantity, cell, source.signal, None, source.scale * scale, source.scale * offset + source.offset)
+        channel = Channel(
+            quantity, cell, source.signal, None, source.scale * scale, source.scale * offset + source.offset
+        )
+        _refuse_senseless(key, source, channel, info)
+        return channel
+
+
+def _refuse_senseless(key: str, source: Source, c: Channel, info: SignalInfo) -> None:
+    """Refuse a signal whose bits say nothing that the gateway believes, or everything within one of its steps.
+
+    Raises
+    ------
+    ConfigError
+        Names the scale that does it, and which scales would be valid.
+    """
+    low, high = INPUTS[c.quantity].plausible
+    step = abs(c.scale * info.scale)
+    if info.is_float:
+        ends, least, most = (low, high), (high - low) / MOST_OFF, MOST_OFF * (high - low)
+        fits = least <= step <= most
+    else:
+        ends = (
+            min(both := [c.scale * (raw * info.scale + info.offset) + c.offset for raw in info.raw_limits]),
+            max(both),
+        )
+        least, most = LEAST_SHARE * (high - low) / 2**info.place.size, high - low
+        fits = step <= most and ends[0] <= high and ends[1] >= low and ends[1] - ends[0] >= LEAST_SHARE * (high - low)
+    if fits:
+        return
+    unit = INPUTS[c.quantity].unit or "shares of 1"
+    stated, rest = (source.scale, step / abs(source.scale)) if source.scale != 1.0 else (info.scale, abs(c.scale))
+    whose = "" if source.scale != 1.0 else f" of {info.database}"
+    valid = (
+        f"; valid: {least / rest:.2g} to {most / rest:.2g}" if 0.0 < rest < inf and not least <= step <= most else ""
+    )
+    raise ConfigError(
+        f"{key}: '{source.signal}': with the scale {stated:g}{whose} its bits say {ends[0]:.4g} to {ends[1]:.4g} "
+        f"{unit} in steps of {step:.3g}, and the gateway believes {low:g} to {high:g}: correct scale or offset{valid}"
+    )
 
 
 def cell_list(text: str) -> tuple[int, ...]:

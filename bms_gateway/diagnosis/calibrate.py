@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
 from bms_gateway.diagnosis.record_windows import keeping, learned, untaught
-from bms_gateway.diagnosis.residuals import LEAST_Z, rmse, structure
+from bms_gateway.diagnosis.residuals import rmse, structured
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
@@ -23,8 +23,6 @@ from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
-LEAST_STRUCTURE = 0.18
-"""Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 FOLLOWED = 0.007
 """Share of the surfaces' range that a model with effects may miss beyond their noise and be fitted as a whole. Fits
 that missed less had honest bands, simulated and measured; of those that missed more, half did not."""
@@ -141,8 +139,8 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     start = model.unfitted
     ready = [measured(r, start, core=core) for r in records]
     fit = fitted(Problem(start, ready))
-    left, hopeless = structure(fit), max(doubt(r) for r in records) > HOPELESS
-    if core or (not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE)):
+    hopeless = max(doubt(r) for r in records) > HOPELESS
+    if core or not (hopeless or structured(fit)):
         return Identified(fit, fit, 0.0)
     settings = ModelError().fine if start.effects else ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)

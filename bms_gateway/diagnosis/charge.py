@@ -6,7 +6,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.charge_level import Level, Terminal, by_voltage, within_capacity
 from bms_gateway.diagnosis.grid import Grid
-from bms_gateway.diagnosis.sensor_noise import resolution
+from bms_gateway.identify.sensor_noise import resolution
 from bms_gateway.thermal import Floats
 
 APART = 0.05

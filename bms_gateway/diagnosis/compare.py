@@ -13,7 +13,8 @@ import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
 from bms_gateway.diagnosis.core_known import KnownCore, known_core
-from bms_gateway.diagnosis.findings import core_sentences, sensor_sentences
+from bms_gateway.diagnosis.error_words import rises
+from bms_gateway.diagnosis.findings import core_sentences, refit_sentence, sensor_sentences
 from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
 from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
@@ -134,10 +135,15 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
         replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
         for mine, best in zip(core_bands(filed), core.bands, strict=True)
     )
+    as_is = _variant("filed", filed, sensors_of(filed), doubted, records)
+    again = _variant("refitted", refitted, sensors_of(refitted), core.bands, records)
+    if core.identified.model_error_K > 0.0 and rises(as_is.trained.rmse_K, again.trained.rmse_K):
+        worse = refit_sentence(as_is.trained.rmse_K, again.trained.rmse_K)
+        again = replace(again, findings=(worse, *again.findings))
     return Comparison(
         tuple(r.source for r in records),
-        _variant("filed", filed, sensors_of(filed), doubted, records),
-        _variant("refitted", refitted, sensors_of(refitted), core.bands, records),
+        as_is,
+        again,
         core,
         _variant("closest", closest, sensors_of(closest), (), records) if core.identified.comes_closer else None,
     )

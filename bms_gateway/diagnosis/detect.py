@@ -101,6 +101,11 @@ class Absorbed:
     sentences: tuple[str, ...]
     combinations: tuple[Combination, ...]
 
+    @property
+    def everything(self) -> tuple[str, ...]:
+        """All of it in sentences."""
+        return (*self.sentences, *(c.sentence for c in self.combinations))
+
 
 @dataclass(frozen=True, slots=True)
 class Card:
@@ -114,14 +119,12 @@ class Card:
         Pairs of visible effects, the most alike first.
     groups : tuple of tuple of str
         Keys that are linked by `alike`.
-    absorbed : Absorbed
     sentences : tuple of str
     """
 
     effects: tuple[Detectable, ...]
     alike: tuple[Alike, ...]
     groups: tuple[tuple[str, ...], ...]
-    absorbed: Absorbed
     sentences: tuple[str, ...]
 
 
@@ -151,8 +154,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
     seen = [(d, i) for d, i in best.values() if d.visible]
     alike = _alike(seen, S)
     groups = _groups(alike)
-    taken = absorbed(fit)
-    return Card(effects, alike, groups, taken, (*_sentences(effects, groups), *taken.sentences))
+    return Card(effects, alike, groups, _sentences(effects, groups))
 
 
 class Projection:

@@ -64,15 +64,24 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
     core = f"the core of cell {k + 1}"
     if any(s.disagrees for s in sensors):
         judged = ", by what refitting moves" if name == "filed" else ""
-        text = (
-            "The core estimates are unreliable while the model does not explain the surfaces: "
-            f"{core} may be {half[k]:.2g} K off or more{judged}."
-        )
+        said = "The core estimates are unreliable while the model does not explain the surfaces"
+        if half[k] <= LARGE_CORE_K:
+            said = "The model does not wholly explain the surfaces"
+        text = f"{said}: {core} may be {half[k]:.2g} K off or more{judged}."
     elif half[k] > LARGE_CORE_K:
         text = f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %): they alone do not settle it."
     else:
         text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
     return (text,)
+
+
+def refit_sentence(before: float, after: float) -> str:
+    """Say why a refit follows the surfaces less closely, by its error `after`, K, than the file, by `before`, K."""
+    return (
+        "The refitted numbers follow the surfaces less closely than those of the file: "
+        f"{after:.3g} K, not {before:.3g} K. The model lacks something, and the refit allows for "
+        "that: its numbers are not those that come closest to these surfaces."
+    )
 
 
 def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:

@@ -16,7 +16,16 @@ from bms_gateway.diagnosis.regimes import (
     stretches,
     string_features,
 )
-from bms_gateway.diagnosis.residuals import LAGS, Structure, structure, structure_of
+from bms_gateway.diagnosis.residuals import (
+    HELD_RATIO,
+    LAGS,
+    LEAST_STRUCTURE,
+    LEAST_Z,
+    Structure,
+    least_structure,
+    structure,
+    structure_of,
+)
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 
@@ -26,10 +35,6 @@ MOST_EXCESS = 0.5
 """Least share of the excess in the blocks that are reported."""
 APART_S = 1e4
 """Time between records, so that no stretch of time spans two of them."""
-DISAGREES, DISAGREES_Z = 0.18, 6.0
-"""Structured error in units of the noise, and its z, above which a model fails at a sensor …"""
-DISAGREES_HELD = 1.2
-"""… or held-out error over the noise floor."""
 CHANCE_Z = 3.0
 
 
@@ -127,6 +132,8 @@ class Sensor:
     worst : Worst
     regimes : tuple of Regime
         `always` first, then the one that explains most.
+    least_structure : float
+        Structured error, in units of the noise, from which on the model fails here.
     """
 
     cell: int
@@ -137,12 +144,13 @@ class Sensor:
     share: float
     worst: Worst
     regimes: tuple[Regime, ...]
+    least_structure: float = LEAST_STRUCTURE
 
     @property
     def disagrees(self) -> bool:
         """Whether the model fails here."""
-        structured = self.z > DISAGREES_Z and self.structured_K > DISAGREES * self.trained.floor_K
-        return structured or self.held.ratio > DISAGREES_HELD
+        structured = self.z > LEAST_Z and self.structured_K > self.least_structure * self.trained.floor_K
+        return structured or self.held.ratio > HELD_RATIO
 
 
 def level(error: Floats, sigma: Floats, rows: NDArray[np.bool_]) -> Level:
@@ -204,6 +212,7 @@ def sensors(fit: MapFit) -> tuple[Sensor, ...]:
                     stretches(t[mine] + offset, inflation, dt),
                     peak,
                 ),
+                least_structure(fit),
             )
         )
     return tuple(found)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.cell_rows import CellRows
 from bms_gateway.diagnosis.grid import Grid, lay_grid
 from bms_gateway.diagnosis.record_inputs import Columns, Sampling, Signals, draw_inputs
-from bms_gateway.diagnosis.sensor_noise import Noise, estimate_noise
 from bms_gateway.diagnosis.surface_readings import Readings, gather_readings
 from bms_gateway.errors import DataError
+from bms_gateway.identify.sensor_noise import Noise, estimate_noise
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 

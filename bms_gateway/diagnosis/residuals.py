@@ -151,6 +151,24 @@ def within(fit: MapFit) -> np.ndarray:
     return np.concatenate(parts)
 
 
+def structured(fit: MapFit, open_in_sd: float = 0.0) -> bool:
+    """Whether a fit leaves structure in the readings it was trained on.
+
+    Parameters
+    ----------
+    fit : MapFit
+    open_in_sd : float
+        Error of the readings that may have another cause, in units of their noise.
+    """
+    found = structure(fit)
+    return found.z > LEAST_Z and found.size > float(np.hypot(least_structure(fit), open_in_sd))
+
+
+def least_structure(fit: MapFit) -> float:
+    """Structured error, in units of the noise, from which on a fit leaves more than its sensors' steps do."""
+    return COARSE_STRUCTURE if noise_hardly_known(fit) else LEAST_STRUCTURE
+
+
 def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
     """Whether a fit leaves structure in the readings, and whether it fails on those held out.
 
@@ -161,12 +179,10 @@ def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
         Error of the readings that the unknown current between its rows may cause.
     """
     held = within(fit)
-    found, coarse = structure(fit), noise_hardly_known(fit)
     open_in_sd = CHANCE * left_open / float(np.sqrt(np.mean(stacked(fit.problem)[1][held] ** 2)))
-    least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
-    seen = scale(fit, held, COARSE_SDS if coarse else 0.0)
-    fails_held = seen > float(np.hypot(HELD_RATIO * usual_scale(fit, found.z), open_in_sd))
-    return found.z > LEAST_Z and found.size > least, fails_held
+    seen = scale(fit, held, COARSE_SDS if noise_hardly_known(fit) else 0.0)
+    fails_held = seen > float(np.hypot(HELD_RATIO * usual_scale(fit, structure(fit).z), open_in_sd))
+    return structured(fit, open_in_sd), fails_held
 
 
 def interval_of(m: Measured) -> np.ndarray:

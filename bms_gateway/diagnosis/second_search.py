@@ -18,7 +18,7 @@ from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.coverage import covered
 from bms_gateway.diagnosis.hypotheses import Board, Hypothesis, freed
 from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
-from bms_gateway.diagnosis.residuals import rmse, structure
+from bms_gateway.diagnosis.residuals import LEAST_Z, rmse, structure, structured
 from bms_gateway.diagnosis.search import Chosen, Search
 from bms_gateway.diagnosis.witness import Witness, agreement, by_voltage, witnesses
 from bms_gateway.identify.coordinates import Coordinate, Measured
@@ -28,9 +28,6 @@ from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
-STRUCTURED = (0.18, 6.0)
-"""Structured remainder in units of the noise, and its z: from there something is left that the first search did not
-name."""
 TIED = 3.0
 """Log-odds within which another effect in its place would do as well."""
 ENOUGH_KNOWN = 0.2
@@ -183,9 +180,9 @@ def needs_second(first: Search) -> bool:
         return True
     f = first.final
     left = structure(f)
-    if left.z <= STRUCTURED[1]:
+    if left.z <= LEAST_Z:
         return False
-    if left.size > STRUCTURED[0] or any(f.at_bound(c.name) for c in f.problem.coordinates if _bounded(c)):
+    if structured(f) or any(f.at_bound(c.name) for c in f.problem.coordinates if _bounded(c)):
         return True
     before = structure(first.baseline).power
     return bool(first.chosen) and left.power > (1.0 - HALF) * before
@@ -318,8 +315,7 @@ def _clean(best: Hypothesis, records: Sequence[Measured]) -> bool:
     Where they do, the skeleton of two nodes errs still, and what takes a little of that error away need not be there:
     an effect that every cell has may be named beside it, one that needs a special cause may not.
     """
-    left = structure(seen_on(best.fit.map, [replace(m, used=np.ones_like(m.used)) for m in records]))
-    return left.z <= STRUCTURED[1] or left.size <= STRUCTURED[0]
+    return not structured(seen_on(best.fit.map, [replace(m, used=np.ones_like(m.used)) for m in records]))
 
 
 def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bms_gateway.diagnosis.sensor_noise import resolution, white_noise
+from bms_gateway.identify.sensor_noise import resolution, white_noise
 from bms_gateway.thermal import Floats
 
 STEP = 6.0

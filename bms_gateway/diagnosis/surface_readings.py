@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.grid import Grid
-from bms_gateway.diagnosis.sensor_noise import resolution, white_noise
 from bms_gateway.frames.vocabulary import INPUTS
+from bms_gateway.identify.sensor_noise import resolution, white_noise
 from bms_gateway.thermal import Floats
 
 JUMP_K = 2.5

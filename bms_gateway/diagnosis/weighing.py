@@ -219,7 +219,8 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     gain = log_density(fit, held) - log_density(current, held)
     excess = max(before**2 - floor, 0.0)
     if odds <= s.odds(number):
-        return f"evidence too weak (log-odds {odds:.1f})"
+        needed = f", and one more effect needs {s.odds(number):.3g}" if odds > s.odds(0) else ""
+        return f"evidence too weak (log-odds {odds:.1f}{needed})"
     if gain < _needed(current, fit, odds, s, number) * inflation:
         return "worse on the held-out blocks" if number == 0 else "no better on the held-out blocks"
     if after**2 - floor > max(s.relief * excess, s.excess * floor):

@@ -12,7 +12,7 @@ REASONS: Final[Mapping[Quality, str]] = {
     Quality.ERROR: "its sender says that the sensor failed, or the frame is too short",
     Quality.STUCK: "it stands still while current flows",
     Quality.OPEN: "at its upper rail, as a broken wire reads",
-    Quality.SHORT: "at its lower rail, as a short circuit reads",
+    Quality.SHORT: "at its lower rail, as a short circuit or a missing sensor reads",
     Quality.JUMPY: "it jumps faster than a cell can",
     Quality.COUNTER: "the alive counter of its frame is wrong",
     Quality.CRC: "the check sum of its frame is wrong",

@@ -9,8 +9,8 @@ from typing import Any
 from bms_gateway.engine import Cells, Estimated, Event, Judged, Judgement, Parameters, Plan, StringPlan
 from bms_gateway.fleet.residual import REGIMES, CellResidual, Residuals
 from bms_gateway.identify import Estimate
+from bms_gateway.report.hottest import Hottest, hotter, hottest_core
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.centre import hottest_of
 
 DAY_NS = 86_400_000_000_000
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -30,19 +30,14 @@ class _String:
 
     def begin(self) -> None:
         """Start a day; parameters, flags and growth are kept from the day before."""
-        self.core, self.core_sd, self.cell, self.core_ns = nan, nan, 0, 0
-        self.point, self.point_sd, self.point_cell = nan, nan, 0
+        self.core: Hottest | None = None
+        self.point: Hottest | None = None
         self.excess = nan
         self.flags: set[str] = set()
 
     def estimated(self, e: Cells) -> None:
-        k = hottest_of(e.core)
-        if k is not None and not e.core[k] <= self.core:
-            self.core, self.core_sd, self.cell, self.core_ns = float(e.core[k]), float(e.core_sd[k]), k + 1, e.time_ns
-
-        k = hottest_of(e.centre)
-        if k is not None and not e.centre[k] <= self.point:
-            self.point, self.point_sd, self.point_cell = float(e.centre[k]), float(e.centre_sd[k]), k + 1
+        self.core = hotter(self.core, hottest_core(e, e.core))
+        self.point = hotter(self.point, hottest_core(e, e.centre))
 
     def judged(self, time_ns: int, j: Judgement) -> None:
         self.residuals.add(time_ns, j)
@@ -53,19 +48,19 @@ class _String:
 
     def row(self) -> Row:
         """Columns of this string."""
-        known = self.cell > 0
+        core, point = self.core, self.point
         found: Row = {
             "string": self.plan.name,
             "cells": self.plan.model.cells,
             "growth_pct": None if self.last is None else _number(100.0 * self.last.growth),
             "growth_sd_pct": None if self.last is None else _number(100.0 * self.last.growth_sd),
-            "worst_core_C": _number(self.core),
-            "worst_core_sd_K": _number(self.core_sd),
-            "worst_core_cell": self.cell if known else None,
-            "worst_core_time_s": self.core_ns * 1e-9 if known else None,
-            "hottest_point_C": _number(self.point),
-            "hottest_point_sd_K": _number(self.point_sd),
-            "hottest_point_cell": self.point_cell if known else None,
+            "worst_core_C": None if core is None else _number(core.core_C),
+            "worst_core_sd_K": None if core is None else _number(core.core_sd_K),
+            "worst_core_cell": None if core is None else core.cell,
+            "worst_core_time_s": None if core is None else core.time_ns * 1e-9,
+            "hottest_point_C": None if point is None else _number(point.centre_C),
+            "hottest_point_sd_K": None if point is None else _number(point.centre_sd_K),
+            "hottest_point_cell": None if point is None else point.cell,
             "mismatch": _number(self.excess),
             "flags": sorted(self.flags),
         }

@@ -39,6 +39,18 @@ class Place:
         """Length a payload must have to hold the signal."""
         return (self.first_bit + self.size + 7) // 8
 
+    @property
+    def bits(self) -> frozenset[int]:
+        """Its bits, each as eight times its byte plus its place within the byte, the least significant 0.
+
+        Examples
+        --------
+        >>> sorted(Place(3, 12, big_endian=True).bits)
+        [0, 1, 2, 3, 8, 9, 10, 11, 12, 13, 14, 15]
+        """
+        run = range(self.first_bit, self.first_bit + self.size)
+        return frozenset(8 * (k // 8) + 7 - k % 8 for k in run) if self.big_endian else frozenset(run)
+
 
 @dataclass(frozen=True, slots=True)
 class BitFields:

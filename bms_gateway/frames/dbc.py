@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from math import isfinite
 from typing import TYPE_CHECKING, cast
 
@@ -27,6 +28,8 @@ LONGEST = 1785
 LONGEST_TEXT = 1 << 18
 """Characters between two quotation marks. For each, cantools takes some twenty bytes at once."""
 LONGEST_DIGITS = 5
+MOST_WORDS = 2_000_000
+"""Words and marks outside of comments. cantools keeps each, in some 150 bytes; a whole vehicle has a twentieth."""
 MOST_SELECTING = 1_000_000
 """Multiplexer values in ranges, all signals together: sixteen signals that any value of 16 bits selects."""
 MOST_DIGITS = 10
@@ -37,6 +40,7 @@ MOST_SHOWN = 200
 MOST_LISTED = 5
 """Lines that one message names."""
 _QUOTE = re.compile(r'(?<!\\)"')
+_WORD = re.compile(r'"[^"]*"|[\w.+-]+|[^\s\w]')
 _SIGNAL = re.compile(r"^[ \t]*SG_[ \t]", re.M)
 _MESSAGE = re.compile(r"^[ \t]*BO_\s+\d+\s+(\w+)\s*:\s*(\d+)", re.M)
 _ID = re.compile(r"^[ \t]*BO_\s+(\d+)", re.M)
@@ -140,6 +144,16 @@ def _refuse_extremes(name: str, text: str) -> None:
                 f"{name}: line {line}: signal {found[1]} lies beyond {8 * LONGEST} bits; correct its start or length"
             )
     _refuse_ranges(name, text)
+    _refuse_many_words(name, text)
+
+
+def _refuse_many_words(name: str, text: str) -> None:
+    """Refuse content of which a parser would keep each mark."""
+    if len(text) > MOST_WORDS and next(islice(_WORD.finditer(text), MOST_WORDS, None), None) is not None:
+        raise ConfigError(
+            f"{name}: over {MOST_WORDS:,} words and marks, more than the buses of a whole vehicle have: is it the "
+            "vehicle's DBC? Leave out of it what the gateway does not need"
+        )
 
 
 def _refuse_long_texts(name: str, text: str) -> None:

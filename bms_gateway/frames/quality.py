@@ -24,7 +24,7 @@ class Quality(IntEnum):
     OPEN = 6
     """Reads as a broken wire does (upper rail)."""
     SHORT = 7
-    """Reads as a short circuit does (lower rail)."""
+    """Reads as a short circuit or a missing sensor does (lower rail)."""
     JUMPY = 8
     """Moves faster than the thing it measures can."""
     COUNTER = 9

@@ -339,6 +339,8 @@ class Limits:
             now = f": {self._last(limit, at)}"
         elif limit is self.surface:
             now = f" reads {limit.last[at]:.1f} °C"
+            if limit.last[at] < limit.limit:
+                now += f", was above the limit and is not known to be {COOLER_K:g} K below it"
         elif np.isfinite(self._points.value[at]):
             p = self._points
             now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"

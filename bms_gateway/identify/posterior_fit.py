@@ -46,7 +46,8 @@ from bms_gateway.thermal import Floats, StringModel
 
 Root = Literal["both", "smaller", "larger"]
 SOUND_SLOW = 0.06
-"""K: slow discrepancy that sound models leave; from more on, what is slow in the residual is an error of the model."""
+"""K: slow discrepancy that sound models leave beside what their thermocouples round away; from more on, what is slow in
+the residual is an error of the model."""
 SOUND_WALK = 0.1
 """Walk of ln R_e that a cell's warming explains."""
 TRIES = 4  # at raising the noise: each starts where the one before ended
@@ -160,7 +161,8 @@ def _fitted(job: WindowJob) -> Fit:
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     doubt = 1.0
-    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)), job.least_doubt)
+    sound = float(np.hypot(SOUND_SLOW, problem.rounding))
+    least = max(sizes.slow / sound, float(np.sqrt(sizes.walk / SOUND_WALK)), job.least_doubt)
     for _ in range(TRIES):
         factor = max(problem.noisier(point, mean[:p], sizes), least / doubt)
         if factor <= 1.0 + ALMOST:

@@ -15,6 +15,7 @@ from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jaco
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
+from bms_gateway.identify.sensor_noise import slow_rounding
 from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
 from bms_gateway.identify.window_means import Means, Sought
 from bms_gateway.identify.window_start import FRESH, first_start, start_information, start_map, swing_information
@@ -114,6 +115,7 @@ class Problem:
         self.moving = np.concatenate([self.sought.free, np.arange(self.p, self.p + len(self.xi0))])
         self.noise = inlet_noise(window.inlet, window.dt)
         self.by_noise = np.zeros(self.p + len(self.xi0))
+        self.rounding = _rounding(read, window.dt)
         self.course = Course.of(
             window.square, window.heat, window.current, window.inlet, window.dt, model.capacity_Ah or CAPACITY_AH
         )
@@ -477,3 +479,11 @@ def _warming(y: Floats) -> Floats:
         return np.zeros(len(y))
     mean = np.nansum(y[read], axis=1) / counted[read]
     return np.asarray(np.interp(np.arange(len(y)), read, mean) - np.mean(mean[-60:]), dtype=np.float64)
+
+
+def _rounding(y: Floats, dt: float) -> float:
+    """Greatest slow rounding error of m thermocouples (K, m), K: the bus rounds those of a string alike."""
+    t = dt * np.arange(len(y))
+    return max(
+        (slow_rounding(t[seen], column[seen]) for column, seen in zip(y.T, np.isfinite(y.T), strict=True)), default=0.0
+    )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from bms_gateway.bus.traffic import SECOND, Traffic, feed_of
 from bms_gateway.diagnosis.record_inputs import Columns
-from bms_gateway.diagnosis.sensor_noise import resolution
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, StringPlan, drive
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.frames.bits import Place
@@ -21,6 +20,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify import Estimate
+from bms_gateway.identify.sensor_noise import resolution
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 __all__ = ["Cores", "Observer"]

@@ -257,6 +257,8 @@ def _remedy(signal: str, use: Use) -> str:
     assert use.observed is not None  # noqa: S101 — asked for only where something was observed
     c, info, (low, high) = use.channel, use.info, use.observed
     ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)
+    if low == high and not info.is_float and round((low - info.offset) / info.scale) == info.raw_limits[1]:
+        return "all its bits are one in each frame: nothing is measured there"
     if (mend := _unit(signal, use)) is not None:
         return mend
     if high < ends[0] or low > ends[1]:

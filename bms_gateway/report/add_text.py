@@ -17,7 +17,8 @@ from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
 from bms_gateway.report.diagnosis_text import errors_document, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
-from bms_gateway.report.words import labelled
+from bms_gateway.report.step_names import REFITTED, with_added
+from bms_gateway.report.words import labelled, named_all
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +142,7 @@ def add_text(r: AddReport) -> str:
     parts = [
         labelled(f"{r.tag}. {headline(r)}"),
         *warned(r.findings, several),
+        f"Before: {REFITTED}. After: {with_added(named_all(c.key for c in r.added))}.",
         _errors(r, several),
         _cores(r),
         core_text(r.after.core),

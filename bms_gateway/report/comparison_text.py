@@ -15,11 +15,10 @@ from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import LEFT, closer_numbers, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document
 from bms_gateway.report.show import number, text_table
+from bms_gateway.report.step_names import FILED, REFITTED, titled
 
-TITLES: Mapping[str, str] = {
-    "filed": "The model with the parameters from its file",
-    "refitted": "The same model, refitted to these data",
-}
+STEPS: Mapping[str, str] = {"filed": FILED, "refitted": REFITTED}
+"""Of the documents' keys, which stay as they are."""
 NOT_REFITTED = "Refitted to these data the model is not shown: nothing can be learnt from them."
 LEAST_SHARE = 0.05
 """Least share of the excess error for which a regime is listed."""
@@ -140,7 +139,7 @@ def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], note
 
 
 def _variant_text(v: Variant, several: bool) -> str:
-    parts = [TITLES[v.name] + ".", *_where(v), "", _cores(v.cores, several)]
+    parts = [f"{titled(STEPS[v.name])}.", *_where(v), "", _cores(v.cores, several)]
     if v.core_checks:
         parts += ["", _measured_cores(v.core_checks, several)]
     return "\n".join(parts)

@@ -16,6 +16,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected,
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
+from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.report.words import labelled, named, named_all, parameter_named
 
 BAR = 12
@@ -394,9 +395,9 @@ def _bar(evidence: float, top: float) -> str:
 
 
 def _errors(d: Diagnosis) -> str:
-    rows = [_error_row("model as it is", d.baseline)]
+    rows = [_error_row(REFITTED, d.baseline)]
     if d.selected:
-        rows.append(_error_row("with what is missing", d.after))
+        rows.append(_error_row(with_added(named_all(s.candidate.key for s in d.selected)), d.after))
     rows.append(["noise alone", *[number(d.baseline.noise_floor_K, 3)] * 2, "0", ""])
     return text_table(["error", "fitted K", "held-out K", "structured (noise = 1)", "z"], rows)
 

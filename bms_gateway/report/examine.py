@@ -8,7 +8,7 @@ from bms_gateway.diagnosis.candidates import candidates
 from bms_gateway.diagnosis.checks import Finding, check_record
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.curve import Curve, entropic_curve
-from bms_gateway.diagnosis.detect import Card, detectability
+from bms_gateway.diagnosis.detect import Card, absorbed, detectability
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.experiment import Experiment, next_experiment
 from bms_gateway.diagnosis.ranking import ranking
@@ -68,12 +68,11 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
         why = " ".join(dict.fromkeys(f.sentence for _, f in findings if f.severity == "stop"))
         return Told(None, f"Nothing can be said from these data. {why}", sources, findings, notes)
     d = diagnose(model.unfitted, some, progress=progress)
-    card = card_of(d.search.baseline)
-    absorbed = (*card.absorbed.sentences, *(c.sentence for c in card.absorbed.combinations))
-    shown = tuple(s for s in card.sentences if s not in card.absorbed.sentences)
+    shown = card_of(d.search.baseline).sentences
+    taken = absorbed(d.identified[0].fit)
     core = known_core(model, some, rounds=d.search.asked)
     curve = curve_of(d, some)
-    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d), core, curve)
+    return Told(d, d.sentence, sources, findings, notes, taken.everything, _next(d), shown, ranking(d), core, curve)
 
 
 def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:

@@ -1,17 +1,10 @@
 """The hottest core of a tick or of a log: not the greatest guess."""
 
 from dataclasses import dataclass
-from typing import Final
-
-import numpy as np
 
 from bms_gateway.engine.events import Cells
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.centre import hottest_of
-
-SURE_K: Final = 3.0
-"""Largest sd of a core that is compared by its value; a core known less well is compared by its value less its sd. No
-vague guess is the hottest core then, but a cell that burns is, however vague its core."""
+from bms_gateway.thermal.centre import SURE_K, compared, hottest_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +22,7 @@ class Hottest:
     core_C: float
     core_sd_K: float
     centre_C: float
+    centre_sd_K: float
     time_ns: int
     rank: float
 
@@ -42,12 +36,13 @@ def hottest_core(cells: Cells, points: Floats) -> Hottest | None:
     points : ndarray (n,)
         What is compared, °C: the cores, or the hottest points of the cells.
     """
-    rank = np.where(cells.core_sd <= SURE_K, points, points - cells.core_sd)
-    k = hottest_of(rank)
+    k = hottest_of(points, cells.core_sd)
     if k is None:
         return None
-    core, sd, centre = (float(x[k]) for x in (cells.core, cells.core_sd, cells.centre))
-    return Hottest(cells.string, k + 1, core, sd, centre, cells.time_ns, float(rank[k]))
+    core, sd, centre, centre_sd = (float(x[k]) for x in (cells.core, cells.core_sd, cells.centre, cells.centre_sd))
+    return Hottest(
+        cells.string, k + 1, core, sd, centre, centre_sd, cells.time_ns, float(compared(points, cells.core_sd)[k])
+    )
 
 
 def hotter(one: Hottest | None, other: Hottest | None) -> Hottest | None:

@@ -28,7 +28,7 @@ from bms_gateway.report.html_ranking import detectability_table, experiment_tabl
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
-from bms_gateway.report.step_names import FILED, REFITTED, with_added
+from bms_gateway.report.step_names import FILED, REFITTED, titled, with_added
 from bms_gateway.report.words import in_words, labelled, named, named_all, parameters_labelled
 
 VERDICTS = {
@@ -98,9 +98,9 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
     said = [
-        "<h3>The model with the parameters from its file</h3>",
+        f"<h3>{escape(titled(FILED))}</h3>",
         items(filed.findings),
-        "<h3>Refitted to these data</h3>",
+        f"<h3>{escape(titled(REFITTED))}</h3>",
         items(now.findings),
         closest_html(comparison),
     ]
@@ -108,7 +108,7 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
         section("where", "Where, when and in which regime it fails", *said),
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
-        section("parameters", "Parameters, refitted", parameters_table(now.fit)),
+        section("parameters", f"Parameters, {REFITTED}", parameters_table(now.fit)),
         section("correlations", "Correlation of the parameters", correlation_table(now.fit)),
         *aside.sections,
     ]

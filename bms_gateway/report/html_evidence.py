@@ -49,7 +49,7 @@ def summary(models: Sequence[Shown]) -> str:
         found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
     half = [m.worst_core for m in models]
     found.append(
-        Card("Core, 95 % band", "±" + _arrow([number(h) for h, _ in half]), f"cell {half[-1][1]}, known least")
+        Card("Core, 95 % band", "± " + _arrow([number(h) for h, _ in half]), f"cell {half[-1][1]}, known least")
     )
     lost, stuck = unlearnt(last_fit), at_limits(last_fit)
     line = "these parameters stay at their prior" if lost else "the data determine every free parameter"

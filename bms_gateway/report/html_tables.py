@@ -33,8 +33,8 @@ BESIDE = 4
 """Columns up to which two heat maps stand side by side."""
 
 
-def errors_table(models: Sequence[Shown]) -> str:
-    """Errors per sensor, each model's columns side by side."""
+def errors_table(models: Sequence[Shown], *, noted: bool = True) -> str:
+    """Errors per sensor, each model's columns side by side; `noted`: with what the columns are, below."""
     held = bool(models[0].levels[1].readings)
     columns = ("fitted, K", *(("held-out, K",) if held else ()), "structured, K", "z")
     groups = [("", ["surface", "noise, K"]), *((m.name, columns) for m in models)]
@@ -53,7 +53,12 @@ def errors_table(models: Sequence[Shown]) -> str:
     note = "Root mean squares of reading minus model. Noise: what sensor noise and rounding alone leave. "
     note += "Held-out: blocks that were never fitted to. " if held else ""
     note += "Structured: the part that is alike from reading to reading; above z = 6 it is not chance."
-    return grouped(groups, rows, caption=note)
+    return grouped(groups, rows, caption=note if noted else "")
+
+
+def errors_apart(models: Sequence[Shown]) -> str:
+    """Errors per sensor, one table after the other, where there is no room for columns side by side."""
+    return "".join(errors_table([m], noted=m is models[-1]) for m in models)
 
 
 def _z(z: float) -> str:
@@ -153,8 +158,8 @@ def shown_as(c: Coordinate, model: StringModel) -> ShownAs:
     return ShownAs(1.0 / p.to_si, p.log, unit(p.unit))
 
 
-def parameters_table(fit: MapFit) -> str:
-    """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
+def parameters_table(fit: MapFit, *, narrow: bool = False) -> str:
+    """Numbers of a fit with sd, prior, limits, and what is to be thought of them; `narrow`: units beside the labels."""
     rows = []
     for c, z, sd, status in _free(fit):
         s = shown_as(c, fit.problem.model)
@@ -165,17 +170,16 @@ def parameters_table(fit: MapFit) -> str:
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [
-                escape(called(c)),
+                escape(f"{called(c)}, {s.unit}" if s.unit and narrow else called(c)),
                 with_sd(float(value), float(spread)).replace("-", "−"),
-                s.unit,
+                *([] if narrow else [s.unit]),
                 before,
                 f"{amount(limits[0])} … {amount(limits[1])}",
                 state,
             ]
         )
-    return table(
-        ["number", f"value {WITH_SD}", "unit", f"known before, {WITH_SD}", "limits", "state"], rows, words=(0, 2, 5)
-    )
+    heads = [f"value {WITH_SD}", *([] if narrow else ["unit"]), f"known before, {WITH_SD}", "limits", "state"]
+    return table(["number", *heads], rows, words=(0, 4) if narrow else (0, 2, 5))
 
 
 def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:

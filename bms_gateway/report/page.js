@@ -2,7 +2,25 @@
 (function () {
   const unpacked = (id) => {
     const { textContent, dataset } = document.getElementById(id);
-    return new TextDecoder().decode(unlzma(Uint8Array.from(atob(textContent), (c) => c.charCodeAt(0)), Number(dataset.length)));
+    return new TextDecoder().decode(unlzma(bytes(textContent), Number(dataset.length)));
+  };
+  // base 85 as Python writes it, with a comma in place of "<": five characters are four bytes
+  const DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
+  const bytes = (text) => {
+    const value = Object.fromEntries([...DIGITS].map((c, i) => [c, i])), out = new DataView(new ArrayBuffer(4 * Math.ceil(text.length / 5)));
+    for (let i = 0, n = 0; i < text.length; n += 4) {
+      let word = 0;
+      for (let k = 0; k < 5; k++, i++) word = 85 * word + (i < text.length ? value[text[i]] : 84);
+      if (!(word < 2 ** 32)) throw new Error("the packed data are damaged");
+      out.setUint32(n, word);
+    }
+    return new Uint8Array(out.buffer, 0, Math.floor((4 * text.length) / 5));
+  };
+  // numbers are written as their steps, in whole units of their last digit
+  const added = (of) => {
+    if (!of?.steps) return of;
+    let sum = 0;
+    return of.steps.map((step) => (step === null ? null : (sum += step) / 10 ** of.digits));
   };
   const PAPER = 690; // px between the margins of an A4 or Letter page, upright
   // these buttons and no others: one of plotly's own would send the data to its maker's server
@@ -16,6 +34,7 @@
     const places = document.querySelectorAll(".plot"), figures = places.length ? JSON.parse(unpacked("figures")) : {};
     for (const place of places) {
       const figure = figures[place.id];
+      for (const trace of figure.data) for (const axis of ["x", "y"]) if (axis in trace) trace[axis] = added(trace[axis]);
       Plotly.newPlot(place, figure.data, figure.layout, config);
       plots.push(place);
     }

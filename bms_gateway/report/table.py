@@ -215,6 +215,8 @@ def _read(
 
 def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
     """Tell all columns that are not there, and for each the one that may be it."""
+    if not any(name.strip() for name in names):
+        return f"the header, line 1, names no column; it needs {', '.join(missing)}"
     constant = f"; a constant: --columns '{INLET}=22 °C'" if INLET in missing else ""
     if len(missing) > 1:
         mapped = ",".join(f"{name}={lookalike(name, names) or 'COLUMN'}" for name in missing)

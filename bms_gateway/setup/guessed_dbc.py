@@ -7,7 +7,8 @@ from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.bits import Place
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, Switch
-from bms_gateway.setup.without_dbc import Field, Guess
+from bms_gateway.setup.bit_fields import Field
+from bms_gateway.setup.without_dbc import Guess
 
 GUESS: Final = "GUESS_"
 """Prefix of the names of messages that were guessed."""

@@ -1,7 +1,8 @@
 """From the traffic of an unknown vehicle to the role of each signal: one pass over names, units and data."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.frames.own_dbc import MAX_CELLS
 from bms_gateway.frames.vocabulary import INPUTS
-from bms_gateway.setup.bit_contradictions import range_of, read_right
+from bms_gateway.setup.bit_contradictions import range_of
 from bms_gateway.setup.find_charge import charges, sign_by_charge
 from bms_gateway.setup.find_electrical import (
     ADDS_UP,
@@ -25,13 +26,16 @@ from bms_gateway.setup.find_electrical import (
     while_on,
 )  # fmt: skip
 from bms_gateway.setup.find_statistics import of_several
-from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, inlets, is_temperature, surfaces
+from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, inlets, surfaces
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.guessed_dbc import GUESS
 from bms_gateway.setup.intervals import edges_of
+from bms_gateway.setup.lumps import NOT_KNOWN, place_lumps
+from bms_gateway.setup.multiplexing import told_of_selectors
 from bms_gateway.setup.own_traffic import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
-from bms_gateway.setup.signal_series import Series, all_series
+from bms_gateway.setup.readable import Rights, readable
+from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import OTHER_THINGS, around, has, named, unit_of
 from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.vehicle_logs import Traffic
@@ -47,28 +51,32 @@ LEAST_S: Final = 60.0
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
 """Order of the roles in a proposal: signals of the pack, then those of cells."""
+NOTHING: Final[Mapping[str, Role]] = MappingProxyType({})
 NO_ROLE: Final = "its name and its values fit no role"
-Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 
-def propose(traffic: Traffic) -> Proposal:
+def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal:
     """Find the signals of the pack's current, voltage, SOC, coolant, thermocouples and cell voltages.
 
     Parameters
     ----------
     traffic : Traffic
         With a DBC: messages that are not known are no matter of this function.
+    refused : mapping of signal to role
+        What a person does not take for it: the next best is proposed.
 
     Returns
     -------
     Proposal
         `sure` only where name, unit and data agree and nothing else comes near.
     """
-    proposal = Proposal(remarks=list(traffic.remarks))
+    proposal = Proposal(remarks=[*traffic.remarks, *told_of_selectors(traffic)])
     if traffic.own:
         own_signals(traffic, proposal)
         return proposal
-    series, rights, dead = _readable(traffic, proposal)
+    series, rights, dead = readable(traffic, proposal)
+    series = [s for s in series if s.path not in refused]
+    proposal.unused += [(path, f"refused as {role}") for path, role in refused.items()]
     edges = edges_of(traffic.frames.time_ns, 1.0 if traffic.seconds > LONG_S else 0.5, 1.0)
     cells, factor = cell_voltages(series)
     voltages = [v for v in pack_voltages(series, cells, factor) if fits("voltage", v.series.info)]
@@ -102,6 +110,7 @@ def propose(traffic: Traffic) -> Proposal:
             proposal.signals.append(p)
     parts = _parts(proposal)
     _cell_voltages(proposal, cells, factor, rights, parts)
+    place_lumps(proposal, warm.members if warm is not None else [], cells, series, edges)
     if next(proposal.of("soc"), None) is None:
         _single(proposal, "soc", charges(series, electrical, edges), rights, against=contradicted)
     own_inlets = inlet_of_each(inlet, warm.members) if warm is not None else {}
@@ -116,46 +125,6 @@ def propose(traffic: Traffic) -> Proposal:
     proposal.signals.sort(key=lambda p: ORDER.index(p.role))
     _rest(proposal, series, candidates, voltages)
     return proposal
-
-
-def _readable(traffic: Traffic, proposal: Proposal) -> tuple[list[Series], Rights, list[Series]]:
-    """All series that measure something, with their bits read as the data say, and those that never do."""
-    kept: list[Series] = []
-    rights: Rights = {}
-    dead: list[Series] = []
-    for given in all_series(traffic):
-        s = given
-        unit = unit_of(s.info.unit)
-        matters = unit is not None and unit.family != "other"
-        matters |= unit is None and (is_temperature(s) or s.info.place.size >= 8)
-        if not len(s.x):
-            if matters:
-                proposal.unused.append((s.path, f"never a measurement: {', '.join(s.dropped)}"))
-                dead.append(s)
-            continue
-        if not matters or s.info.is_multiplexer:
-            continue
-        s, overrides, why = read_right(traffic, s)
-        if why and not (set(overrides) and _likely(s)):
-            s, overrides, why = given, {}, []
-        rights[s.path] = overrides, why
-        if s.counts and (unit is None or unit.family != "temperature"):
-            proposal.unused.append((s.path, "a counter or a clock: it goes up by the same step each time"))
-            continue
-        if s.staircase:
-            why_not = "a counter or a clock: it goes up by the same step each time, and back at once"
-            proposal.unused.append((s.path, why_not))
-            continue
-        kept.append(s)
-    return kept, rights, dead
-
-
-def _likely(s: Series) -> bool:
-    """Whether another reading of the bits is worth telling: of what the gateway could use."""
-    unit = unit_of(s.info.unit)
-    if unit is not None and unit.family == "current":
-        return True  # of a shunt, a charger, an inverter: each may be the pack's
-    return not has(named(s.info), OTHER_THINGS) and (unit is None or unit.family != "other")
 
 
 def _place(
@@ -437,7 +406,7 @@ def _cell_voltages(
         string, index = place[k - 1] if matched else (None, m.number or k)
         why = [f"one of {len(cells)} called alike, {factor * m.series.low:.3f} to {factor * m.series.high:.3f} V"]
         if not matched:
-            why.append("which thermocouple sits on which of these cells is not known: not written into the config")
+            why.append(NOT_KNOWN)
         p = Proposed("cell_voltage", m.series, factor, 0.0, string, index, why=why)
         p.sure = len(cells) > 1 and unit_of(m.series.info.unit) is not None and not m.series.constant
         _told(p, rights)

@@ -1,13 +1,17 @@
 """From a proposal to files that the gateway runs with: what is missing, and which thermocouples it would refuse."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from bms_gateway.config.load import load_config
 from bms_gateway.engine import Engine, Estimated, drive
 from bms_gateway.engine.reasons import REASONS
-from bms_gateway.frames.batch import EXTENDED
+from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.quality import Quality
 from bms_gateway.records.signal_use import Use, signal_use
 from bms_gateway.setup.picture import Cores
@@ -16,14 +20,26 @@ from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.setup.write import Written, write_setup
 from bms_gateway.thermal.cells import CellFacts
 
+MOST_TICKS: Final = 3600
+"""Seconds that are estimated: enough for the first cores. A clock that jumps may make weeks of a log of minutes."""
+
+PIECE_S: Final = 600.0
+
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What was written, the first cores by it, and how each signal was used."""
+    """What was written, the first cores by it, and how each signal was used.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What to say of them.
+    """
 
     written: Written
     cores: Cores
     uses: dict[str, Use]
+    notes: tuple[str, ...] = ()
 
 
 def missing(proposal: Proposal, traffic: Traffic) -> str | None:
@@ -56,22 +72,37 @@ def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts |
     """
     logs = list(logs)
     written = write_setup(proposal, traffic, out, cell=cell, logs=logs)
-    cores, uses = _estimate(written.config, traffic)
+    cores, uses, cut = _estimate(written.config, traffic)
     if _without_refused(proposal, uses):  # it is not a sensor
         written = write_setup(proposal, traffic, out, cell=cell, logs=logs)
-        cores, uses = _estimate(written.config, traffic)
-    return Settled(written, cores, uses)
+        cores, uses, cut = _estimate(written.config, traffic)
+    notes = written.notes
+    if cut:
+        notes += (f"the cores are of the first {MOST_TICKS / 3600:g} h of the log: analyze takes all of it",)
+    return Settled(written, cores, uses, notes)
 
 
-def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use]]:
-    """Run the very engine over the frames at hand."""
+def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use], bool]:
+    """Run the very engine over the frames at hand, up to `MOST_TICKS`; tell whether there are more."""
     loaded = load_config(config)
     engine = Engine(loaded.plan, loaded.database)
-    cores = Cores()
-    for event in drive(engine, [traffic.frames]):
+    cores, ticks = Cores(), 0
+    for event in drive(engine, _pieces(traffic.frames)):
         if isinstance(event, Estimated):
             cores.take(event)
-    return cores, signal_use(loaded.plan, loaded.database, engine, {s.name for s in loaded.plan.strings})
+            ticks += 1
+            if ticks == MOST_TICKS:
+                break
+    uses = signal_use(loaded.plan, loaded.database, engine, {s.name for s in loaded.plan.strings})
+    return cores, uses, ticks == MOST_TICKS
+
+
+def _pieces(frames: FrameBatch) -> Iterator[FrameBatch]:
+    """Cut frames where `PIECE_S` are over: the engine works off all that it is given at once."""
+    part = (frames.time_ns - frames.time_ns[0]) // int(PIECE_S * 1e9)
+    edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(frames)]
+    for first, end in pairwise(edges):
+        yield frames[first:end]
 
 
 def _without_refused(proposal: Proposal, uses: Mapping[str, Use]) -> bool:

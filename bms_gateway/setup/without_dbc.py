@@ -3,8 +3,8 @@
 Every message is cut into fields as makers cut theirs: bytes, pairs of bytes in both orders, twelve bits from a nibble
 on; a message whose first byte changes from frame to frame and tells the rest is taken apart by that byte. Then
 
-* a voltage is large beside its own movement, and a current is that field of which it takes the steps (Ohm's law):
-  torque and pedal move with it too, less exactly;
+* a voltage is large beside its own movement, and a current is that field of which it takes the steps (Ohm's law), and
+  whose integral takes it down for good: torque and pedal move with it too, less exactly;
 * a thermocouple is slow, follows no step of the voltage, and rises with the heat made, the integral of the current's
   square; those of one pack stand side by side and read alike.
 
@@ -12,29 +12,21 @@ Nothing here shows a scale. The factor is the usual one with which the values ar
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.bits import Place
-from bms_gateway.setup.bit_contradictions import BOTH_ENDS, NEAR, SMOOTHER
-from bms_gateway.setup.intervals import edges_of, silences
+from bms_gateway.setup.bit_fields import FEWEST, FEWEST_OF_PAGE, Field, fields_of, name_of
+from bms_gateway.setup.intervals import edges_of
 from bms_gateway.thermal import Floats
 
-FEWEST: Final = 20
-"""Least number of frames of a message, or of one page of it, whose bits are judged."""
 STEP_S: Final = 0.5
 FAST_Hz: Final = 1.5
 """Least rate of a field whose steps are compared with those of another."""
 MOST_MEANS: Final = 20_000_000
 """Means of fields in intervals that are compared: of thousands of fields the first hours."""
-MOST_PAGES: Final = 64
-FEWEST_OF_PAGE: Final = 12
-STAYS: Final = 0.3
-OF_ITS_OWN: Final = 0.5
 NOISE: Final = 0.75
 """Ratio of the mean step to that of the same samples in random order; above it, a field is no measurement."""
 LARGE: Final = 0.4
@@ -42,9 +34,14 @@ LARGE: Final = 0.4
 WITNESSES: Final = 5
 BY_CHARGE: Final = 0.5
 LARGEST: Final = 3.0
+SAGS: Final = 0.65
 TWINS: Final = 0.996
-"""Correlation above which two fields read one sensor: a voltage does not follow one current so closely."""
+"""Correlation above which two fields may read one sensor: then the charge has to tell that one is a voltage."""
 PASSING: Final = 0.02
+OWN_CHARGE: Final = 0.4
+"""Least share of what a current leaves of its voltage that the charge it drew explains, where both are so alike."""
+MOST_TURNS: Final = 40
+"""Changes of a byte that has two values: a temperature of 1 K steps at the edge of a step, and no switch."""
 OHM: Final = 0.3
 MOST_PAIRS: Final = 1500
 SLOW: Final = 0.25
@@ -63,42 +60,6 @@ READINGS: Final = (
 )  # fmt: skip
 """How temperatures are written: scale and offset, the likeliest first."""
 ROOM_C: Final = (5.0, 55.0)
-
-
-@dataclass(slots=True)
-class Field:
-    """Some bits of a message, or of one page of it.
-
-    Attributes
-    ----------
-    can_id : int
-    page : int or None
-        Value of the first byte, where it says what the others are.
-    place : Place
-    t, x : ndarray (n,)
-        Seconds from the begin; raw values.
-    silent_s : float
-        Of the time from the first sample to the last: without any frame on the bus.
-    """
-
-    can_id: int
-    page: int | None
-    place: Place
-    t: Floats
-    x: Floats
-    silent_s: float = 0.0
-
-    @property
-    def rate_Hz(self) -> float:
-        """Samples per second while the bus is not silent; 0 where all stand at one time."""
-        seconds = float(self.t[-1] - self.t[0]) - self.silent_s
-        return (len(self.t) - 1) / seconds if seconds > 0.0 else 0.0
-
-    def overlaps(self, other: "Field") -> bool:
-        """Whether both take some bits of one message."""
-        if self.can_id != other.can_id or self.page != other.page:
-            return False
-        return bool(_bits(self.place) & _bits(other.place))
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +97,7 @@ def guess(frames: FrameBatch) -> list[Guess]:
     """Propose what may be current, voltage and thermocouples, up to three of each, the likeliest first."""
     if not len(frames):
         return []
-    fields = [f for f in _fields(frames) if _measures(f)]
+    fields = [f for f in fields_of(frames) if _measures(f)]
     fast = [i for i, f in enumerate(fields) if f.rate_Hz >= FAST_Hz and len(np.unique(f.x)) >= 6]
     large = [i for i in fast if _large(fields[i])]
     if not large:
@@ -148,87 +109,13 @@ def guess(frames: FrameBatch) -> list[Guess]:
     return [*electrical, *([voltage] if voltage else []), *warm]
 
 
-def _bits(p: Place) -> set[int]:
-    if not p.big_endian:
-        return set(range(p.start, p.start + p.size))
-    first = 8 * (p.start // 8) + 7 - p.start % 8
-    return {8 * (k // 8) + 7 - k % 8 for k in range(first, first + p.size)}
-
-
-def _fields(frames: FrameBatch) -> Iterator[Field]:
-    t = (frames.time_ns - frames.time_ns[0]) * 1e-9
-    silent = np.cumsum(silences(frames.time_ns) * 1e-9)
-    order = np.argsort(frames.can_id, kind="stable")
-    ids, starts = np.unique(frames.can_id[order], return_index=True)
-    for can_id, part in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
-        length = int(np.median(frames.length[part]))
-        rows = part[frames.length[part] == length]
-        if len(rows) < FEWEST or length < 1:
-            continue
-        data = frames.data[rows, :length].astype(np.int64)
-        pages = _pages(data)
-        chosen: list[int | None] = [*pages] or [None]
-        for page in chosen:
-            of_it = np.ones(len(data), np.bool_) if page is None else data[:, 0] == page
-            if of_it.sum() >= FEWEST_OF_PAGE:
-                ends = silent[rows][of_it][[0, -1]]
-                for f in _cut(int(can_id), page, t[rows][of_it], data[of_it]):
-                    f.silent_s = float(ends[1] - ends[0])
-                    yield f
-
-
-def _pages(data: NDArray[np.int64]) -> list[int]:
-    """Values of a first byte by which the rest is told apart; none where it is like from frame to frame."""
-    first = data[:, 0]
-    values = np.unique(first)
-    if not 2 <= len(values) <= MOST_PAGES or data.shape[1] < 3:
-        return []
-    if (np.diff(first) == 0).mean() > STAYS or len(first) < FEWEST_OF_PAGE * len(values):
-        return []
-    rest = data[:, 1:]
-    from_frame = np.abs(np.diff(rest, axis=0)).mean()
-    own = [np.abs(np.diff(rest[first == v], axis=0)) for v in values if (first == v).sum() > 1]
-    from_page = np.concatenate(own).mean() if own else np.inf
-    return [int(v) for v in values] if from_page < OF_ITS_OWN * from_frame else []
-
-
-def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> Iterator[Field]:
-    """Cut frames into bytes, pairs of bytes in both orders, and twelve bits from a nibble on."""
-    n = data.shape[1]
-    for k in range(0 if page is None else 1, n):
-        b = data[:, k]
-        yield _field(can_id, page, t, b, Place(8 * k, 8))
-        if k + 1 == n:
-            continue
-        c = data[:, k + 1]
-        yield _field(can_id, page, t, b | c << 8, Place(8 * k, 16))
-        yield _field(can_id, page, t, b << 8 | c, Place(8 * k + 7, 16, big_endian=True))
-        yield _field(can_id, page, t, b | (c & 15) << 8, Place(8 * k, 12))
-        yield _field(can_id, page, t, b >> 4 | c << 4, Place(8 * k + 4, 12))
-        yield _field(can_id, page, t, b << 4 | c >> 4, Place(8 * k + 7, 12, big_endian=True))
-        yield _field(can_id, page, t, (b & 15) << 8 | c, Place(8 * k + 3, 12, big_endian=True))
-
-
-def _field(can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], place: Place) -> Field:
-    """Take the values with a sign where they sit at both ends of the bits and are smooth across them."""
-    whole = 1 << place.size
-    none = raw == whole - 1  # all ones: not available, as most makers have it
-    signed = False
-    x = raw
-    if place.size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:
-        turned = np.where(raw >= whole // 2, raw - whole, raw)
-        if np.abs(np.diff(turned)).mean() < SMOOTHER * np.abs(np.diff(raw)).mean():
-            x, signed = turned, True
-    elif none.any() and none.mean() < 0.5:
-        t, x = t[~none], x[~none]
-    return Field(can_id, page, replace(place, signed=signed), t, x.astype(np.float64))
-
-
 def _measures(f: Field) -> bool:
     """Whether bits may measure anything: they move, and are neither counter nor check sum."""
     values = np.unique(f.x)
-    if len(values) < 3 or len(f.x) < FEWEST_OF_PAGE:
+    if len(values) < (2 if f.place.size == 8 else 3) or len(f.x) < FEWEST_OF_PAGE:
         return False
+    if len(values) == 2:  # a temperature in steps of 1 K that has made one
+        return bool(np.ptp(values) == 1 and np.count_nonzero(np.diff(f.x)) <= MOST_TURNS)
     d = np.diff(f.x)
     moved = d[d != 0]
     up = np.median(moved)
@@ -271,7 +158,8 @@ def _electrical(
     rows = [fast.index(j) for j in large]
     r = 0.5 * (np.abs(d @ d[rows].T) + np.abs(slower @ slower[rows].T))
     found = _pairs(fields, fast, large, r)
-    found = sorted(((s + _explained(grid[i], grid[j]), i, j) for s, i, j in found), reverse=True)
+    law = {(i, j): float(r[fast.index(i), large.index(j)]) for _, i, j in found}
+    found = sorted(_explained_too(found, grid, law), reverse=True)
     agreed = _agreed(fields, found)
     if agreed is None:
         return [], None
@@ -283,8 +171,7 @@ def _electrical(
             continue
         zero = _rest(f)
         scale = _scaled(np.abs(f.x - zero), CURRENT_SCALES, MOST_A)
-        law = float(r[fast.index(i), large.index(agreed)])
-        why = f"{name_of(v)}, which might be a voltage, takes its steps (correlation {law:.2f})"
+        why = f"{name_of(v)}, which might be a voltage, takes its steps (correlation {law[i, agreed]:.2f})"
         guesses.append(Guess("current", f, scale, -scale * zero if zero else 0.0, score, why))
         if len(guesses) == SHOWN:
             break
@@ -298,14 +185,23 @@ def _pairs(fields: list[Field], fast: list[int], large: list[int], r: Floats) ->
     swing = {j: _swing(fields[j]) for j in large}
     found: list[tuple[float, int, int]] = []
     for k, i in enumerate(fast):
-        if i in swing or not _rests(fields[i]):
+        if not _rests(fields[i]):
             continue
         own = 0.02 * min(fields[i].place.size, 12) + 0.05 * _both_signs(fields[i]) - 0.2 * rough[i]
         for m, j in enumerate(large):
-            twins = fields[i].can_id == fields[j].can_id and r[k, m] > TWINS
-            if r[k, m] > OHM and not twins and not fields[i].overlaps(fields[j]):
+            if r[k, m] > OHM and not fields[i].overlaps(fields[j]):
                 found.append((float(r[k, m]) + own - 0.3 * rough[j] - swing[j], i, j))
     return sorted(found, reverse=True)[:MOST_PAIRS]
+
+
+def _explained_too(
+    found: list[tuple[float, int, int]], grid: Floats, r: dict[tuple[int, int], float]
+) -> Iterator[tuple[float, int, int]]:
+    """Add to each pair's score what the current and its charge explain; two readings of one sensor are no pair."""
+    for score, i, j in found:
+        share, by_charge = _explained(grid[i], grid[j])
+        if r[i, j] <= TWINS or by_charge > OWN_CHARGE:
+            yield score + share + BY_CHARGE * by_charge, i, j
 
 
 def _agreed(fields: list[Field], found: list[tuple[float, int, int]]) -> int | None:
@@ -317,23 +213,26 @@ def _agreed(fields: list[Field], found: list[tuple[float, int, int]]) -> int | N
     return max(best, key=lambda j: sum(sorted(best[j].values())[-WITNESSES:]), default=None)
 
 
-def _explained(I: Floats, V: Floats) -> float:  # noqa: E741 — the field's
+def _explained(I: Floats, V: Floats) -> tuple[float, float]:  # noqa: E741 — the field's
     """Share of a voltage's movement that a current and the charge it drew explain, and what the charge adds to it.
 
-    What is drawn takes a voltage down at once and for good; a pedal comes back to where it was.
+    What is drawn takes a voltage down at once and for good; a pedal comes back to where it was. Where the charge has
+    the other sign than the current, its share is negative: then the "current" is the voltage.
     """
     on = np.isfinite(I) & np.isfinite(V)
     on &= np.greater(V, 0.5 * np.nanquantile(V, 0.95))
     if on.sum() < 20:
-        return 0.0
-    charge = np.nancumsum(I)[on]
-    A = np.column_stack([np.ones(on.sum()), I[on], charge / max(np.abs(charge).max(), 1e-9)])
+        return 0.0, 0.0
+    ramp = np.linspace(-1.0, 1.0, len(I))  # what the value of no current may be is not known
+    charge = np.nancumsum(I - np.nanmean(I))
+    A = np.column_stack([np.ones(len(I)), ramp, I, charge])[on]
+    A[:, 2:] /= np.maximum(np.abs(A[:, 2:] - A[:, 2:].mean(axis=0)).max(axis=0), 1e-9)
     y = V[on] - V[on].mean()
     b = np.linalg.lstsq(A, y, rcond=None)[0]
-    left, alone = y - A @ b, y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
-    share = 1.0 - (left @ left) / max(float(y @ y), 1e-12)
-    by_charge = 1.0 - (left @ left) / max(float(alone @ alone), 1e-12) if b[1] * b[2] > 0 else 0.0
-    return float(share + BY_CHARGE * by_charge)
+    left, alone = y - A @ b, y - A[:, :3] @ np.linalg.lstsq(A[:, :3], y, rcond=None)[0]
+    lost = (left @ left) / max(float(y @ y), 1e-12)
+    by_charge = 1.0 - (left @ left) / max(float(alone @ alone), 1e-12)
+    return float(1.0 - lost), float(by_charge * np.sign(b[2] * b[3]))
 
 
 def _swing(f: Field) -> float:
@@ -357,7 +256,7 @@ def _large(f: Field) -> bool:
     between = (
         (f.x > 0.05 * top) & (f.x < 0.5 * top)
     ).mean()  # a speed passes there, a voltage once when it is switched
-    sags = high - middle < 0.5 * (high - low)  # it rests above, and what is drawn takes it down
+    sags = high - middle < SAGS * (high - low)  # it rests above, and what is drawn takes it down
     return bool(
         sags and middle > 50 and 0 < high - low < LARGE * middle and len(np.unique(on)) >= 6 and between < PASSING
     )
@@ -473,16 +372,3 @@ def _leaky(made: Floats, left: Floats) -> Floats:
         y = k * y + q
         out[n] = y
     return out
-
-
-def name_of(f: Field) -> str:
-    """Say where the bits are.
-
-    Examples
-    --------
-    >>> name_of(Field(0x1DB, None, Place(7, 12, True), np.zeros(1), np.zeros(1)))
-    '0x1DB bits 7|12@0+'
-    """
-    page = "" if f.page is None else f" page {f.page}"
-    order, sign = int(not f.place.big_endian), "-" if f.place.signed else "+"
-    return f"0x{f.can_id & 0x1FFFFFFF:X}{page} bits {f.place.start}|{f.place.size}@{order}{sign}"

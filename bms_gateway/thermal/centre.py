@@ -46,6 +46,8 @@ FIRST_MODE = 8.0 / 3.8317059702075125**2
 """8/x_1², x_1 the first zero of the Bessel function J_1 (Abramowitz and Stegun, table 9.5)."""
 INSTANT_S = 1e-6
 RADIAL = "radial_gradient"
+SURE_K = 3.0
+"""Largest sd of a core that is compared with others by its value alone, K."""
 
 
 def centre_share(model: StringModel) -> Share:
@@ -154,14 +156,32 @@ def hottest(
     return point, np.where(outside, np.sqrt(share * of_centre + (1.0 - share) * of_surface), centre_sd)
 
 
-def hottest_of(points: Floats) -> int | None:
+def compared(points: Floats | float, core_sd: Floats | float) -> Floats:
+    """Temperatures (n,) by which cells are compared: their points, less the sd of the core where it exceeds `SURE_K`.
+
+    No vague guess is the hottest cell then, but a cell that burns is, however vague its core.
+    """
+    return np.where(np.greater(core_sd, SURE_K), np.subtract(points, core_sd), points)
+
+
+def hottest_of(points: Floats, core_sd: Floats | float = 0.0) -> int | None:
     """Cell (from 0) with the hottest of points (n,), the first of equal ones; NaN is none, None where all are.
+
+    Parameters
+    ----------
+    points : ndarray (n,), °C
+        Cores, or hottest points.
+    core_sd : ndarray (n,), K
+        Of the cores, for `compared`.
 
     Examples
     --------
     >>> hottest_of(np.array([np.nan, 31.0, 32.5])), hottest_of(np.array([np.nan]))
     (2, None)
+    >>> hottest_of(np.array([31.0, 40.0]), np.array([0.5, 10.0]))
+    0
     """
-    least = np.where(np.isnan(points), -inf, points)
+    ranks = compared(points, core_sd)
+    least = np.where(np.isnan(ranks), -inf, ranks)
     k = int(least.argmax())
     return None if least[k] == -inf else k

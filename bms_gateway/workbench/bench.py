@@ -34,7 +34,7 @@ from bms_gateway.report.examine import (
     sound,
 )
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
-from bms_gateway.report.step_names import FILED, REFITTED
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.table import parse_columns
 from bms_gateway.report.words import named_all
 from bms_gateway.thermal import StringModel
@@ -251,7 +251,9 @@ class Bench:
         known = self._known(model)
         tell(0.02, "fitting step by step")
         names = named_all(w.key for w in wants)
-        approach(model, self._records, wants, known, lambda trial: show({"names": names, **trial}))
+        approach(
+            model, self._records, wants, known, lambda trial: show({"names": names, "step": with_added(names), **trial})
+        )
 
         def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
             return known or diagnose(unfitted, records, progress=progress)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError, did_you_mean
-from bms_gateway.report.step_names import FILED, REFITTED, with_added
+from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
@@ -440,7 +440,7 @@ class Desk:
             self._to_resume.abandon()
             return
         self._refusal = None
-        frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done)
+        frame = Frame(text, done["step"], done["words"], done["forced"], done)
         frame.diagnosed = self._to_resume.diagnosed(len(self._frames))
         self._frames.append(frame)
         self.compare()

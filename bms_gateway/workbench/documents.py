@@ -18,14 +18,14 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
-from bms_gateway.report.diagnosis_text import Part, Told, finite, number_lines, parts_of, reach
+from bms_gateway.report.diagnosis_text import Part, Told, closer_numbers, finite, number_lines, parts_of, reach
 from bms_gateway.report.html import VERDICTS, closest_html
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
-from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
-from bms_gateway.report.step_names import FILED, REFITTED
+from bms_gateway.report.html_tables import errors_apart, heat_map, parameters_table, thermocouples_table
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
@@ -84,9 +84,9 @@ def compared(c: Comparison, name: str) -> Document:
     models = [Shown.of(*s) for s in steps]
     return {
         "variants": {name: _variant(name, v, closest_html(c) if v is c.refitted else "") for name, v in steps},
-        "errors": errors_table(models),
+        "errors": errors_apart(models),
         "core": told_core(c.core),
-        "parameters": parameters_table(c.refitted.fit),
+        "parameters": parameters_table(c.refitted.fit, narrow=True),
         "correlations": correlation_table(c.refitted.fit),
         "thermocouples": thermocouples_table(models, c.refitted.core_checks),
     }
@@ -236,16 +236,18 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     return {
         "words": list(words),
         "names": named_all(c.key for c in report.added),
+        "step": with_added(named_all(c.key for c in report.added)),
         "kept": report.written,
         "forced": report.forced,
         "refused": in_words(report.refused),
         "remark": in_words(report.remark),
+        "closest": closer_numbers(report.after.core.identified),
         "tag": report.tag,
         "core": told_core(report.after.core),
         "headline": in_words(headline(report)),
         "before": steps[0],
         "after": steps[1],
-        "parameters": parameters_table(addition.fits[1]),
+        "parameters": parameters_table(addition.fits[1], narrow=True),
         "core_measured": [
             {**thermocouple(a), "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
             for b, a in zip(report.before.checks, report.after.checks, strict=True)

@@ -36,8 +36,6 @@ from bms_gateway.workbench.series import Shelf, columns
 HEIGHT = 380
 PREVIEW_POINTS = 12_000
 """Of all curves of one effect together: they are drawn on pointing at it, and many effects are kept."""
-MANY_CELLS = 24
-"""Cells up to which every core has its figure; of longer strings those with a sensor have."""
 SIGMAS = 2.0
 """Half width of the band around a model, in sd of one reading."""
 FEW = 2
@@ -129,7 +127,7 @@ def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
     for r, m in enumerate(records):
         n = c.refitted.cores[r].T_c.shape[1]
         time = clock(float(seconds_of(m).max()))
-        for k in range(1, n + 1) if n <= MANY_CELLS else [cell for _, cell in m.channels]:
+        for k in range(1, n + 1):
             probe = _thermocouple(c.refitted.core_checks, r, k)
             spec = cores((), (), k, m, time, probe)
             if probe is not None:
@@ -164,8 +162,9 @@ def step(v: Variant, shelf: Shelf) -> Drawn:
             "span": {"yaxis": _span(model), "yaxis2": _span(mean - reach, mean + reach)},
         }
     for r, band in enumerate(v.cores):
-        for name in _cores_drawn(v, r):
-            k, time = int(name.rpartition("-")[2]) - 1, _clock(traces, r)
+        time = _clock(traces, r)
+        for k in range(band.T_c.shape[1]):
+            name = f"core-{r}-{k + 1}"
             half_K = BAND_SD * band.total_K[:, k]
             edges = {"model": band.T_c[:, k], "low": band.T_c[:, k] - half_K, "high": band.T_c[:, k] + half_K}
             found[name] = {role: {"kept": shelf.keep(band.time_s / time.seconds, y)} for role, y in edges.items()}
@@ -217,12 +216,6 @@ def maps(fit: MapFit, shelf: Shelf) -> Drawn:
             "span": {"coloraxis": (-most, most)},
         }
     return found
-
-
-def _cores_drawn(v: Variant, r: int) -> list[str]:
-    n = v.cores[r].T_c.shape[1]
-    cells = range(1, n + 1) if n <= MANY_CELLS else [cell for _, cell in v.fit.problem.records[r].channels]
-    return [f"core-{r}-{k}" for k in cells]
 
 
 def preview(fit: MapFit, most: int = PREVIEW_POINTS) -> dict[str, dict[str, Any]]:

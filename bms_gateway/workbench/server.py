@@ -28,6 +28,7 @@ from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
 from bms_gateway.workbench.heads import ShortHeads, body_of
 from bms_gateway.workbench.session import additions_of, diagnoses_of, notes_of
 from bms_gateway.workbench.site import Site, session_files, wanted_files
+from bms_gateway.workbench.stretch import in_order, on_desk, signals
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
@@ -227,7 +228,7 @@ class Handler(ShortHeads):
 
     def _history(self) -> None:
         string, span = self._number("string"), self._number("span")
-        self._json(self._live().history(self._query.get("view", ""), int(string), span))
+        self._json(self._live().history(self._query.get("view", ""), int(string), span, self._ends()))
 
     def _happened(self) -> None:
         self._bytes(self._live().events_table(), CSV, name="events.csv")
@@ -271,6 +272,9 @@ class Handler(ShortHeads):
             raise UsageError(f"figure: {one} and {other} must be numbers")
         return a, b
 
+    def _ends(self) -> tuple[float, float] | None:
+        return in_order(self._pair("from", "to"))
+
     def _curves(self) -> None:
         desk, name = self._desk(), self._query.get("name", "")
         self._json({"curves": desk.fitting(name) if self._query.get("fitting") else desk.curves(name)})
@@ -286,6 +290,11 @@ class Handler(ShortHeads):
         elif self._query.get("what") == "session":
             text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
             self._bytes(text.encode(), "application/json", name="session.json")
+        elif self._query.get("what") == "file":
+            path = desk.folder / safe_name(self._query.get("name", ""))
+            if path == desk.folder or not path.is_file():
+                raise UsageError("take: this tab has no file of this name")
+            self._bytes(path.read_bytes(), "application/octet-stream", name=path.name)
         elif self._query.get("what") == "model":
             name = Path(self._query.get("name", "model.toml")).name
             self._bytes(desk.model().encode(), "application/toml", name=name)
@@ -329,27 +338,15 @@ class Handler(ShortHeads):
     def _signals(self) -> None:
         """Give the signals of one string in a window as a table, as the commands read it."""
         string, out = int(self._number("string")), self._desk().folder / f".{secrets.token_hex(8)}.csv"
-        watch = self._live()
+        watch, view = self._live(), self._query.get("view", "")
         try:
-            watch.signals.table(string, self._number("span"), watch.until_ns(self._query.get("view", "")), out)
+            signals(watch, view, string, self._number("span"), self._ends(), out)
             self._bytes(out.read_bytes(), CSV, name="signals.csv")
         finally:
             out.unlink(missing_ok=True)
 
-    def _window_on_desk(self, body: dict[str, Any]) -> None:
-        """Open the signals of one string in a window on a tab's desk, with the model of the live page."""
-        watch, desk = self._live(), self._desk()
-        string, span = body.get("string"), body.get("span")
-        if not isinstance(string, int) or not isinstance(span, int | float) or not 0 <= span < LARGEST_NUMBER:
-            raise UsageError("window: the number of a string and a span in s are needed")
-        name = watch.about()["strings"][string]["name"] if 0 <= string < len(watch.about()["strings"]) else "string"
-        table, model = desk.folder / f"window_of_{safe_name(name)}.csv", desk.folder / f"{safe_name(name)}.toml"
-        watch.signals.table(string, span, watch.until_ns(str(body.get("view", ""))), table)
-        watch.signals.model(string, model)
-        desk.open({"tables": [str(table)], "model": str(model), "config": "", "string": "", "columns": []})
-
     def _window(self) -> None:
-        parts = self._live().table(self._query.get("view", ""), self._number("span"))
+        parts = self._live().table(self._query.get("view", ""), self._number("span"), self._ends())
         self.close_connection = True  # how long it gets is not known
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", CSV)
@@ -395,8 +392,7 @@ class Handler(ShortHeads):
             self._json({})
             return
         if self._url == "/api/window":
-            self._window_on_desk(body)
-            self._json({})
+            self._json({"files": on_desk(self._live(), self._desk(), body)})
             return
         self._work(self._desk(), self._url.removeprefix("/api/"), body)
         self._json({})

@@ -71,8 +71,16 @@ class Site:
                     self.spare.open(self.given)
 
     def new_desk(self) -> Desk:
-        """Open a desk for a tab; the files of the command line are opened on it."""
+        """Open a desk for a tab; the files of the command line are opened on it.
+
+        Raises
+        ------
+        UsageError
+            The program is ending: nobody would close it.
+        """
         with self.lock:
+            if self.closing:
+                raise UsageError("the workbench is ending")
             desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
             opened, self.ahead = self.ahead, None
             self.desks[desk.name] = desk

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from bms_gateway.report.step_names import FILED
+from bms_gateway.report.step_names import FILED, titled
 
 Document = dict[str, Any]
 Window = tuple[float, float]
@@ -79,6 +79,7 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
     core = f.compared["core"] if f.compared else f.told["core"] if f.told else None
     return {
         "name": name,
+        "title": titled(name),
         "words": [],
         "forced": False,
         "told": None,

@@ -27,6 +27,7 @@ from bms_gateway.workbench.events import Events, alerts_now
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 from bms_gateway.workbench.kept_ticks import KeptTicks, Tick
 from bms_gateway.workbench.signals import Signals
+from bms_gateway.workbench.stretch import Ends, of_ends
 
 PERIOD_S: Final = 0.4
 """Between two pictures: two and a half a second. Cells change slower; more would only cost."""
@@ -255,6 +256,7 @@ class Watch:
             "problem": self.problem,
             "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
             "last": round((self._ticks.last_ns - first) * 1e-9, 3),
+            "first_s": first * 1e-9,
             "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
             "age": round(age, 1),
             "silent": round(silent, 1),
@@ -269,8 +271,8 @@ class Watch:
             "events": self._events.grouped(tick.time_ns, first),
         }
 
-    def history(self, name: str, string: int, span_s: float) -> dict[str, Any]:
-        """Tell the past of one string (from 0) until where a tab looks, `span_s` back; 0: all that is kept.
+    def history(self, name: str, string: int, span_s: float, ends: Ends | None = None) -> dict[str, Any]:
+        """Tell the past of one string (from 0): between `ends`, or until where a tab looks, `span_s` back; 0: all.
 
         Raises
         ------
@@ -279,17 +281,17 @@ class Watch:
         if not 0 <= string < len(self._parts):
             raise UsageError(f"history: string: valid are 0 to {len(self._parts) - 1}")
         with self._lock:
-            ticks = self._back(self._view(name), span_s)
+            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
             if not ticks:
                 return {"t": [], "marks": []}
             ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self._ticks.first_ns
             marks = self._events.marks(self._engine.strings[string].plan.name, *ends, first)
-        return {**history(ticks, string, first), "marks": marks}
+        return {**history(ticks, string, first), "marks": marks, "first_s": first * 1e-9}
 
-    def table(self, name: str, span_s: float) -> Iterator[bytes]:
-        """Write what was estimated until where a tab looks, `span_s` back, as CSV; 0: all that is kept."""
+    def table(self, name: str, span_s: float, ends: Ends | None = None) -> Iterator[bytes]:
+        """Write what was estimated as CSV; the stretch is that of `history`."""
         with self._lock:
-            ticks = self._back(self._view(name), span_s)
+            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
             first = self._ticks.first_ns
         return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS, first)
 
@@ -320,8 +322,11 @@ class Watch:
             at = self._view(name).at_ns
             return None if at is None else int(at)
 
-    def _back(self, view: _View, span_s: float) -> list[Tick]:
-        return self._ticks.back(self._ticks.last_ns if view.at_ns is None else int(view.at_ns), span_s)
+    def _stretch(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, float]:
+        if ends is not None:
+            return of_ends(ends)
+        at = self._view(name).at_ns
+        return self._ticks.last_ns if at is None else int(at), span_s
 
     def _age_s(self) -> float:
         """Time since the newest tick came, s: of a live bus that has gone silent it grows."""

@@ -5,7 +5,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from tests.cli.encoded import decode, put, words_of
-from tests.config.files import MAPPED, write
+from tests.config.files import MAPPED, OWN, write
 
 
 def test_a_blank_is_no_measurement_where_a_signal_cannot_say_not_available(tmp_path):
@@ -32,6 +32,44 @@ def test_a_sensor_without_values_makes_no_alert(tmp_path, capsys):
     alerts = (tmp_path / "results" / "alerts.jsonl").read_text()
     assert '"heat' not in alerts
     assert '"alarm"' not in alerts
+
+
+def test_what_the_log_lacks_is_told(tmp_path, capsys):
+    """Nothing was said of columns that are not there, and `analyze` then complained of their signals."""
+    table = put(tmp_path, [f"{t},5,25,26,,28" for t in range(120)])
+    log, config = (
+        tmp_path / "a.log",
+        write(tmp_path, MAPPED.replace('3 = { signal = "Temps.T3"', '3 = { signal = "Temps.T2"')),
+    )
+    assert main(["encode", table, *words_of(config, log)]) == 0
+    told = capsys.readouterr().err
+    assert "no column voltage_V: its signal is sent as 6553.5 V, which the gateway refuses: out of its range" in told
+    short = "at its lower rail, as a short circuit or a missing sensor reads"
+    assert f"surface_3_C has no values: its signal is sent as -99.5 °C, which the gateway refuses: {short}" in told
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path / "results")]) == 0
+    told = capsys.readouterr().out
+    assert f"surface of cell 3 not used: {short} (Temps.T2)" in told
+    assert "string_1.voltage (Pack.Voltage) refused 100 %" in told
+    assert "all its bits are one in each frame" in told
+
+
+def test_what_the_log_lacks_of_our_own_dbc_is_told_in_one_line(tmp_path, capsys):
+    table = put(tmp_path, [f"{t},5,25,26,27,28" for t in range(20)])
+    assert main(["encode", table, *words_of(write(tmp_path, OWN), tmp_path / "a.log")]) == 0
+    told = capsys.readouterr()
+    lacks = "no column voltage_V, soc, coolant_flow_m3_s, cell_voltage_1_V and 4 more: their signals are sent as"
+    assert f"{lacks} not available" in told.out
+    assert told.err == ""
+
+
+@pytest.mark.parametrize("config", [OWN, MAPPED])
+def test_a_table_of_blanks_alone_is_refused(tmp_path, capsys, config):
+    table = put(tmp_path, [f"{t},,,,," for t in range(20)])
+    assert main(["encode", table, *words_of(write(tmp_path, config), tmp_path / "a.log")]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert f"{table}: no row has a value of current_A, coolant_inlet_C, voltage_V, soc" in told
+    assert not (tmp_path / "a.log").exists()
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def test_words_and_pages_show_the_same_figure(road, key, others, side):
         _, text, html = found[name]
         assert f"± {half} K" in text
         assert f"± {half} K" in html
-        assert re.search(rf"±(?:[\d.]+ → )?{half}(?: → [\d.]+)? K", html), "the card on top"
+        assert re.search(rf"± (?:[\d.]+ → )?{half}(?: → [\d.]+)? K", html), "the card on top"
     _, text, html = found["add"]
     assert re.search(rf"cell \d.*\b{re.escape(half)}\b", text)
     assert half in html

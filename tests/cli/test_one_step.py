@@ -6,6 +6,7 @@ force: in the first two a search comes closer to the readings than the numbers t
 
 import json
 import re
+from html import escape
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.report.diagnosis_text import with_sd
 from bms_gateway.report.show import number
-from bms_gateway.report.step_names import REFITTED, with_added
+from bms_gateway.report.step_names import FILED, REFITTED, titled, with_added
 from bms_gateway.report.words import named_all
 from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import effect_named
@@ -50,6 +51,7 @@ class Road:
         words = {
             "compare": ("compare", table, "--model", self.model),
             "diagnose": ("diagnose", table, "--model", self.model),
+            "fit": ("fit", table, "--model", self.model, "--out", folder / "fitted.toml"),
             "add": ("add", added, "--model", self.model, "--data", table, "--out", self.written, "--force"),
             "compare added": ("compare", table, "--model", self.written),
             "diagnose added": ("diagnose", table, "--model", self.written),
@@ -57,9 +59,12 @@ class Road:
         self.json, self.text, self.html = {}, {}, {}
         for name, command in words.items():
             html, document = folder / f"{name}.html", folder / f"{name}.json"
-            status, self.text[name], err = call(*command, "--html", html, "--json", document)
+            pages = () if name == "fit" else ("--html", html)
+            status, self.text[name], err = call(*command, *pages, "--json", document)
             assert status == 0, err
             self.json[name] = json.loads(document.read_text())
+            if name == "fit":
+                continue
             self.html[name] = re.sub("<[^>]*>", " ", html.read_text(encoding="utf-8").partition("<script")[0])
         bench, tell = Bench(), {"tell": lambda *_: None, "show": lambda _: None}
         request = {"files": {"tables": [str(table)], "model": str(self.model)}, "folder": str(uploads)}
@@ -97,6 +102,22 @@ def test_errors_of_a_step_are_the_same_in_every_document_and_on_the_page(road):
     assert errors_of(road.page["add"]["before"]) == before
     assert errors_of(road.page["add"]["after"]) == errors_of(road.page["compare added"]["variants"][road.step]["stair"])
     assert errors_of(road.page["add"]["after"]) == after
+
+
+def test_a_step_has_one_name_on_terminal_page_and_report(road):
+    assert all(titled(name) in road.text["compare"] for name in (FILED, REFITTED))
+    assert all(escape(titled(name)) in road.html["compare"] for name in (FILED, REFITTED))
+    assert f"Before: {REFITTED}. After: {road.step}.\n" in road.text["add"]
+    assert all(escape(name) in road.html["add"] for name in (REFITTED, road.step))
+    for name in ("diagnose", "diagnose added"):
+        chosen = [s["effect"] + (f":{s['cell']}" if s["cell"] else "") for s in road.json[name]["selected"]]
+        rows = [line.split("  ")[0] for line in road.text[name].splitlines()]
+        assert REFITTED in rows
+        assert not chosen or with_added(named_all(chosen)) in rows
+        assert not chosen or escape(with_added(named_all(chosen))) in road.html[name]
+    assert list(road.page["compare"]["variants"]) == [FILED, REFITTED]
+    assert road.page["add"]["step"] == road.step
+    assert list(road.page["compare added"]["variants"]) == [road.step]
 
 
 def test_words_and_reports_show_these_errors(road):
@@ -181,3 +202,11 @@ def test_numbers_that_come_closer_and_are_not_believed_are_named_as_such(road, c
     assert closest["train_rmse_K"] < stated["train_rmse_K"]
     assert (closest["core"], closest["core_measured"]) == ([], [])
     assert all(f"{told}{closest['train_rmse_K']:.3g} K" in text for text in texts)
+
+
+def test_what_the_products_of_numbers_are_known_to_is_the_same(road):
+    def products(name):
+        return sorted(line.strip() for line in road.text[name].splitlines() if " alone to ± " in line)
+
+    assert products("fit")
+    assert products("fit") == products("diagnose")

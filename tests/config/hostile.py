@@ -137,6 +137,23 @@ HOSTILE: dict[str, tuple[tuple[str, str, str], str]] = {
         dbc(f'CM_ "{"x" * 262_145}";\n'),
         "vehicle.dbc: line 23: a text of 262,145 characters; at most 262,144 are read",
     ),
+    "8 MiB of semicolons": (dbc(";" * ((8 << 20) - 2000)), "vehicle.dbc: over 2,000,000 words and marks"),
+    "a scale of 1e300 in the DBC": (
+        (MAPPED, EXAMPLE, DBC.replace("(100,0)", "(1e300,0)")),
+        r"signals.voltage: 'Pack.Voltage': with the scale 1e\+300 of .*vehicle.dbc .* valid: 2.3e-05 to 1.5e\+06",
+    ),
+    "a scale of 1e-300 in the DBC": (
+        (MAPPED, EXAMPLE, DBC.replace("(0.1,173.15)", "(1e-300,273.15)")),
+        r"signals.surface.5: 'Temps.T5': with the scale 1e-300 of .*vehicle.dbc .* valid: 2.*e-09 to 1.*",
+    ),
+    "a scale of 1e300 in the config": (
+        (MAPPED.replace("scale = -1.0", "scale = -1e300"), EXAMPLE, DBC),
+        r"signals.current: 'Pack.Current': with the scale -1e\+300 its bits .* believes -3000 to 3000: .* valid: .* to",
+    ),
+    "an offset of 1e300 in the config": (
+        (MAPPED.replace("offset = 0.5", "offset = 1e300"), EXAMPLE, DBC),
+        r"signals.surface.3: 'Temps.T3': .* 1e\+300 to 1e\+300 °C .*: correct scale or offset",
+    ),
     "100,000 signals": ((MAPPED, EXAMPLE, many_signals(100_000)), "100000 signals; at most 20000"),
 }
 """Config, model and DBC, and what the line says."""

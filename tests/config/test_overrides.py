@@ -155,3 +155,24 @@ def test_strings_that_say_different_things_of_a_signal_are_refused(tmp_path) -> 
     path.write_text(path.read_text() + "[[string]]" + again)
     with pytest.raises(ConfigError, match="is otherwise at"):
         load_config(path)
+
+
+@pytest.mark.parametrize("scale", ["1", "-1", "0.001", "1000", "2.5E-7"])
+@pytest.mark.parametrize("kind", [1, 2])
+def test_a_floating_point_signal_may_have_any_sensible_scale(scale: str, kind: int, tmp_path) -> None:
+    path = config(tmp_path, '"Pack.Current"')
+    float_dbc = DBC.replace("0|16@1+ (0.1,0) [0|819]", f"0|{32 * kind}@1- ({scale},0) [0|0]")
+    float_dbc = "\n".join(line for line in float_dbc.splitlines() if "Inner" not in line and "Odd" not in line)
+    (tmp_path / "car.dbc").write_text(f"{float_dbc}\nSIG_VALTYPE_ 256 Current : {kind};\n")
+    raw = np.array([12.5 / float(scale)], "<f4" if kind == 1 else "<f8").tobytes()
+    value, quality = read(path, raw)["Pack.Current"]
+    assert (value, quality) == (pytest.approx(12.5, rel=1e-6), Quality.GOOD)
+
+
+def test_a_floating_point_signal_of_a_senseless_scale_is_one_line(tmp_path) -> None:
+    path = config(tmp_path, '"Pack.Current"')
+    text = DBC.replace("0|16@1+ (0.1,0) [0|819]", "0|32@1- (1E300,0) [0|0]")
+    text = "\n".join(line for line in text.splitlines() if "Inner" not in line and "Odd" not in line)
+    (tmp_path / "car.dbc").write_text(f"{text}\nSIG_VALTYPE_ 256 Current : 1;\n")
+    with pytest.raises(ConfigError, match=r"scale 1e\+300 .* valid: 6e-09 to 6e\+15"):
+        load_config(path)

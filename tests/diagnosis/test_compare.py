@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.regimes import FEATURES, low_passed, regimes, stretch
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Share
 from tests.diagnosis.hidden_record import hidden, record_of
+from tests.truth.hidden import Scenario, make_log
 
 
 @pytest.fixture(scope="module")
@@ -204,3 +205,19 @@ def test_a_narrow_problem_keeps_the_order_of_coordinates(control):
     _, _, model, got = control
     names = [c.name for c in Problem(model, got.refitted.fit.problem.records).coordinates]
     assert names == [c.name for c in got.refitted.fit.problem.coordinates]
+
+
+@pytest.mark.parametrize(
+    ("effects", "seed", "told"), [(("entropic_heat", "resistance_temperature"), 3, True), ((), 3, False)]
+)
+def test_a_refit_that_is_worse_than_the_file_is_told(effects, seed, told):
+    log = make_log(
+        Scenario(
+            dict.fromkeys(effects, ("strong", None)), cells=1, sensors=(1,), seed=seed, noise=0.05, seconds=1500,
+            columns=("soc",),
+        )
+    )  # fmt: skip
+    record, model = record_of(log)
+    c = compare(model, [record])
+    assert (c.refitted.trained.rmse_K > 1.02 * c.filed.trained.rmse_K) == told
+    assert any("less closely than those of the file" in f for f in c.refitted.findings) == told

@@ -9,6 +9,7 @@ from bms_gateway.diagnosis.candidates import candidates
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.screen import AMPLITUDE_SD, Responses, screen
 from bms_gateway.diagnosis.search import refit
+from bms_gateway.diagnosis.weighing import Settings, gate
 from bms_gateway.identify.map_fit import converged, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from tests.diagnosis.hidden_record import hidden, named
@@ -113,3 +114,16 @@ def test_a_response_is_the_difference_of_two_simulations(key):
     size = float(np.max(np.abs(moved)))
     assert size > 0.0
     assert np.max(np.abs(column * unit - moved)) < 0.15 * size
+
+
+@pytest.mark.parametrize(
+    ("odds", "number", "says"),
+    [
+        (2.0, 0, "evidence too weak (log-odds 2.0)"),
+        (2.0, 1, "evidence too weak (log-odds 2.0)"),
+        (5.0, 1, "evidence too weak (log-odds 5.0, and one more effect needs 6)"),
+        (8.6, 2, "evidence too weak (log-odds 8.6, and one more effect needs 12)"),
+    ],
+)
+def test_evidence_that_would_be_enough_for_a_first_effect_is_told_to_be_too_little_for_one_more(odds, number, says):
+    assert gate(nothing(), nothing(), odds, 1.0, Settings(), number) == says

@@ -8,7 +8,9 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
-from bms_gateway.engine import Judgement
+from bms_gateway.engine import Estimated, Judgement
+from bms_gateway.engine.readings import Layout
+from bms_gateway.fleet.day import Days
 from bms_gateway.fleet.keys import config_key
 from bms_gateway.fleet.residual import REGIMES, Residuals
 from bms_gateway.fleet.task import Task, analyse
@@ -50,22 +52,43 @@ def test_a_log_over_midnight_has_a_row_for_each_day(drive):
     assert len(estimates) == 5 * sum(r["duration_s"] for r in rows)
 
 
+def compared(e, what):
+    """Temperature of a row of `estimates.csv`, less the sd of a core that is not known to 3 K."""
+    sd = float(e["core_sd_K"])
+    return float(e[what]) - (sd if sd > 3.0 else 0.0)
+
+
 def test_the_worst_core_of_a_day_is_that_of_the_estimates(drive):
     rows, estimates, _, _ = drive
     for row, day in zip(rows, ((0, MIDNIGHT), (MIDNIGHT, 2 * MIDNIGHT)), strict=True):
         of_day = [e for e in estimates if day[0] < float(e["time_s"]) <= day[1] and e["core_C"]]
-        point = max(of_day, key=lambda e: float(e["centre_C"]))
+        point = max(of_day, key=lambda e: compared(e, "centre_C"))
         assert row["hottest_point_C"] == pytest.approx(float(point["centre_C"]), abs=6e-4)
         assert row["hottest_point_sd_K"] == pytest.approx(float(point["centre_sd_K"]), abs=6e-4)
         same = {e["cell"] for e in of_day if abs(float(e["centre_C"]) - row["hottest_point_C"]) < 6e-4}
         assert str(row["hottest_point_cell"]) in same
-        hottest = max(of_day, key=lambda e: float(e["core_C"]))
+        hottest = max(of_day, key=lambda e: compared(e, "core_C"))
         assert row["worst_core_C"] == pytest.approx(float(hottest["core_C"]), abs=6e-4)
         assert row["worst_core_sd_K"] == pytest.approx(float(hottest["core_sd_K"]), abs=6e-4)
         same = [e for e in of_day if abs(float(e["core_C"]) - row["worst_core_C"]) < 6e-4]
         assert (f"{row['worst_core_time_s']:.3f}", str(row["worst_core_cell"])) in {
             (e["time_s"], e["cell"]) for e in same
         }
+
+
+def test_a_guess_is_not_the_worst_core_of_a_day(tmp_path):
+    """The rule of `analyze`: a core that is not known to 3 K counts with its value less its sd."""
+    config, _ = logs(tmp_path, {"v": Scenario(seed=3, seconds=2)}, EPOCH_S)
+    plan = load_config(config).plan
+    n = plan.strings[0].model.cells
+    layout = Layout.of([plan.strings[0].name], [n])
+    core, sd, some = np.full(n, 30.0), np.full(n, 0.5), np.zeros(n)
+    core[1], core[3], sd[3] = 34.0, 41.0, 11.0
+    days = Days(plan)
+    days.take(Estimated(EPOCH_S * S, layout, core, sd, some, np.zeros(n, np.uint8), core + 1.0, sd, some, some))
+    (row,) = days.finish()
+    assert (row["worst_core_cell"], row["worst_core_C"], row["worst_core_sd_K"]) == (2, 34.0, 0.5)
+    assert (row["hottest_point_cell"], row["hottest_point_C"], row["hottest_point_sd_K"]) == (2, 35.0, 0.5)
 
 
 def test_parameters_of_a_row_are_those_that_analyze_ends_with(drive):

@@ -269,3 +269,11 @@ def test_no_alarm_ends_while_the_last_credible_surface_is_above_the_limit():
 @pytest.mark.slow
 def test_no_alarm_ends_while_the_last_credible_surface_is_above_the_limit_in_ten_thousand_courses():
     assert sum(cleared_while_hot(seed, 1000, by_conditions=False)[0] for seed in range(2, 12)) == 0
+
+
+def test_a_surface_that_is_back_below_its_limit_is_told_to_have_been_above_it():
+    at = limits(core=1000.0)
+    assert "was above" not in step(at, 0, [LIMIT + 0.5, 30.0])["surface"].text
+    for t in range(1, 30):
+        found = step(at, t, [LIMIT + 0.5 - 0.05 * t, 30.0])
+    assert "was above the limit and is not known to be 2 K below it, the limit is" in found["surface"].text

@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.checks import Finding
-from bms_gateway.diagnosis.detect import Absorbed, Card, Detectable
+from bms_gateway.diagnosis.detect import Card, Detectable
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.residuals import Structure
@@ -180,7 +180,7 @@ def test_numbers_have_their_labels_their_units_and_what_stands_behind_their_plus
 
 def test_what_the_data_could_show_has_labels():
     size = Detectable("polarization", "polarization", None, "R_1", "mOhm", 0.1, 0.6, visible=True)
-    html = detectability_table(Card((size,), (), (), Absorbed((), ()), ()))
+    html = detectability_table(Card((size,), (), (), ()))
     assert "(polarization)<" in html
     assert ">resistance of the slow part (R_1)<" in html
     assert ">mΩ<" in html

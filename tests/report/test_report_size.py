@@ -13,7 +13,7 @@ pytest.importorskip("plotly")
 @pytest.mark.parametrize(
     ("command", "cells", "seconds", "points"),
     [("compare", 12, 3600, 400), ("diagnose", 12, 3600, 400), ("add entropic_heat", 12, 3600, 400),
-     ("compare", 60, 1500, 300)],
+     ("compare", 60, 1500, 300), ("compare", 60, 3600, 300)],
 )  # fmt: skip
 def test_a_report_of_many_cells_takes_less_than_two_megabytes(tmp_path, command, cells, seconds, points):
     places = tuple(range(1, cells + 1))

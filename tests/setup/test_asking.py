@@ -60,6 +60,35 @@ def test_what_is_agreed_to_is_taken(vehicle, tmp_path, answers) -> None:
     assert 'coolant_inlet = "Accessories.AmbientTemp"' in (tmp_path / "v" / "gateway.toml").read_text()
 
 
+@pytest.fixture(scope="module")
+def brief(tmp_path_factory):
+    """The first 50 s of the log, in which nothing is sure."""
+    log, dbc = write(imperial(), tmp_path_factory.mktemp("brief"))
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(line for line in lines if float(line[1:18]) < 1_700_000_050))
+    return log, dbc
+
+
+def test_after_a_no_the_next_best_is_offered_with_its_reasons(brief, tmp_path) -> None:
+    """A refused current once left the config without any."""
+    status, shown = init(brief, tmp_path / "v", "n\ny\n\n\n\n\n")
+    assert status == 0, shown
+    first = shown.index("current: BatteryElectrical.PackCurrent (")
+    second = shown.index("next best current: DriveUnit.InverterDcCurrent (")
+    assert first < second < shown.index("voltage: BatteryElectrical.PackVoltage")
+    assert "unit A; named as a current" in shown[second:].partition("[Y/n]")[0]
+    text = (tmp_path / "v" / "gateway.toml").read_text()
+    assert 'current = "DriveUnit.InverterDcCurrent"' in text
+    assert shown.count("current: BatteryElectrical.PackCurrent (") == 1
+
+
+def test_where_all_are_refused_nothing_is_written(brief, tmp_path) -> None:
+    status, shown = init(brief, tmp_path / "v", "n\n" * 20)
+    assert status == 1
+    assert "no signal is a current of the pack: nothing was written" in shown
+    assert not (tmp_path / "v").exists()
+
+
 def test_a_config_is_written_over_only_by_consent(vehicle, tmp_path) -> None:
     there = tmp_path / "gateway.toml"
     there.write_text("# mine\n")

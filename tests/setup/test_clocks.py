@@ -12,6 +12,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import shipped
 from bms_gateway.errors import DataError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.setup import settle
 from bms_gateway.setup.intervals import edges_of, silences
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.resting import surroundings
@@ -168,6 +169,19 @@ def test_a_useless_log_is_refused_in_one_line(lines, told, dbc, tmp_path, capsys
     assert str(log) in err
     assert told in err
     assert not (tmp_path / "out").exists()
+
+
+def test_of_a_shuffled_log_no_more_than_an_hour_is_estimated(drive, tmp_path, monkeypatch):
+    """Each step back of a stamp moves all that follow: weeks of ticks, of which `init` went through each."""
+    assert settle.MOST_TICKS <= 3600
+    monkeypatch.setattr(settle, "MOST_TICKS", 100)
+    order = np.random.default_rng(1).permutation(len(drive[0]))
+    log = log_of(BEGIN_S + drive[0][order], [drive[1][k] for k in order], tmp_path / "shuffled.log")
+    traffic = read_traffic([log], [DBC])
+    assert traffic.frames.time_ns[-1] - traffic.frames.time_ns[0] > 100_000 * 10**9
+    found = settle.settle(propose(traffic), traffic, tmp_path / "v", cell=None, logs=[log])
+    assert found.cores.last.time_ns - traffic.frames.time_ns[0] < 10_000 * 10**9
+    assert any(f"are of the first {100 / 3600:g} h of the log" in text for text in found.notes)
 
 
 def test_logs_that_last_for_centuries_together_are_refused(tmp_path):

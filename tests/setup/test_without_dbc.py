@@ -14,6 +14,8 @@ from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.without_dbc import guess
 from tests.data import need
 from tests.setup.vehicles import VEHICLES, write
+from tests.setup.vehicles_abroad import ABROAD
+from tests.setup.vehicles_afar import AFAR
 
 
 def bits(place):
@@ -49,8 +51,12 @@ def proposed(log, dbc):
     return found
 
 
-CURRENTS = {"german": "HVB_Strom_Ist", "imperial": "PackCurrent", "terse": "I_Batt"}
-WARM = {"german": "HVB_Zelltemp_", "imperial": "Thermistor", "wrong_dbc": "cell_temp_"}
+CURRENTS = {"german": "HVB_Strom_Ist", "imperial": "PackCurrent", "terse": "I_Batt", "wrong_dbc": "pack_curr",
+            "french": "BAT_Courant", "scooter": "Stroom", "bus": "EssBusCurrent", "chinese": "ZongDianLiu",
+            "worded": "BMS_IstStrom", "storage": "BatteryCurrent"}  # fmt: skip
+WARM = {"german": "HVB_Zelltemp_", "imperial": "Thermistor", "wrong_dbc": "cell_temp_", "terse": "BMS_2.T",
+        "french": "BAT_TempModule_", "bus": "Ntc", "chinese": "DanTiWenDu", "worded": "BMS_Zelltemp"}  # fmt: skip
+EVERY = {**VEHICLES, **ABROAD, **AFAR}
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +67,7 @@ def simulated(tmp_path_factory):
     def found(name):
         if name not in done:
             folder = tmp_path_factory.mktemp(name)
-            vehicle = VEHICLES[name]()
+            vehicle = EVERY[name]()
             log, _ = write(vehicle, folder)
             (folder / "right.dbc").write_text(vehicle.dbc)
             done[name] = log, proposed(log, folder / "right.dbc")
@@ -111,11 +117,13 @@ def test_a_bus_without_anything_that_moves_gives_no_guess(tmp_path, capsys):
     assert not (tmp_path / "v").exists()
 
 
+SHUNTS = ("DC_Bus_Current", "IVT_Result_I.IVT_I", "BMU_stateBusHV.CurrentBusHV")
+"""Of the race car: the inverter's, and two of the battery."""
 REAL = {
-    "uwfe_autocross_2025-04-30_run10": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
-    "uwfe_july7_run12": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
-    "uwfe_pitt_autocross_02": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
-    "leaf_ze1_62kwh_eco_drive": ("leaf_EV-can_ZE1", {"current": "LB_Current"}),
+    "uwfe_autocross_2025-04-30_run10": ("uwfe_2024CAR_fixed", {"current": SHUNTS, "surface": ("TempChannel",)}),
+    "uwfe_july7_run12": ("uwfe_2024CAR_fixed", {"current": SHUNTS, "surface": ("TempChannel",)}),
+    "uwfe_pitt_autocross_02": ("uwfe_2024CAR_fixed", {"current": SHUNTS, "surface": ("TempChannel",)}),
+    "leaf_ze1_62kwh_eco_drive": ("leaf_EV-can_ZE1", {"current": ("LB_Current",)}),
 }
 
 
@@ -125,5 +133,5 @@ def test_real_vehicles_without_their_dbc(log):
     """The batteries of both Leaf logs stay at one temperature: nothing there can be known for a thermocouple."""
     dbc, wanted = REAL[log]
     found = proposed(need("can", f"{log}.log.gz"), need("dbc", f"{dbc}.dbc"))
-    for role, part in wanted.items():
-        assert any(part in path for names in found[role] for path in names), (role, found[role])
+    for role, parts in wanted.items():
+        assert any(part in path for names in found[role] for path in names for part in parts), (role, found[role])

@@ -139,3 +139,9 @@ def test_the_hottest_cell_is_the_first_of_the_highest_that_are_known() -> None:
     assert hottest_of(np.array([30.0, 32.0, 32.0])) == 1
     assert hottest_of(np.array([np.nan, -5.0])) == 1
     assert hottest_of(np.array([np.nan])) is None
+
+
+def test_a_core_known_to_more_than_3_K_is_compared_by_its_value_less_its_sd():
+    assert hottest_of(np.array([30.0, 40.0]), np.array([0.5, 3.0])) == 1
+    assert hottest_of(np.array([30.0, 40.0]), np.array([0.5, 10.5])) == 0
+    assert hottest_of(np.array([30.0, 90.0]), np.array([0.5, 10.5])) == 1  # one that burns is the hottest all the same

@@ -138,6 +138,13 @@ def controls(seed):
             {"inlet": "sine", "flow": "steps", "noise": 0.05, "cells": 12, "sensors": SENSORS[12]},
         ):
             out.append(replace(Scenario(cycle=cycle, seed=next(seeds)), **more))
+    # What a vehicle's bus sends: whole kelvins.
+    for cells in (1, 5, 12):
+        for noise in (0.01, 0.05, 0.2):
+            for inlet in ("constant", "steps"):
+                out.append(
+                    Scenario(cells=cells, sensors=SENSORS[cells], noise=noise, step=1.0, inlet=inlet, seed=next(seeds))
+                )
     return out
 
 

@@ -46,8 +46,8 @@ def test_controls_cover_what_logs_have():
     found = controls(3)
     assert not any(s.effects for s in found)
     for of, values in (
-        ("noise", {0.05, 0.1, 0.2, 0.3}),
-        ("step", {0.0, 0.1, 0.25, 0.5}),
+        ("noise", {0.01, 0.05, 0.1, 0.2, 0.3}),
+        ("step", {0.0, 0.1, 0.25, 0.5, 1.0}),
         ("cells", {1, 2, 3, 5, 8, 12}),
         ("cycle", {"urban", "us06", "udds", "pulses", "sweep", "mixed"}),
         ("inlet", {"constant", "steps", "ramp", "sine"}),

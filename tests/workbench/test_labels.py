@@ -1,11 +1,14 @@
 """People read labels and printed units first; the identifiers that files and commands take stand in brackets."""
 
+from importlib.resources import files
 from types import SimpleNamespace
 
 import pytest
 
+from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.workbench.documents import effect
 from bms_gateway.workbench.form import taken_for
+from bms_gateway.workbench.steps import Frame, _step
 
 
 def test_the_numbers_of_an_effect_have_labels_and_printed_units():
@@ -31,3 +34,9 @@ def test_the_numbers_of_an_effect_have_labels_and_printed_units():
 def test_what_a_signal_of_a_log_is_taken_for_has_its_label(role, index, string, told):
     one = SimpleNamespace(role=role, index=index, string=string, path="Pack.X", observed=(-10.0, 20.0), sure=True)
     assert taken_for(one) == told
+
+
+def test_the_page_takes_the_names_of_the_steps_from_the_server():
+    scripts = [p.read_text(encoding="utf-8") for p in files("bms_gateway.workbench").joinpath("page").iterdir()]
+    assert not [name for name in (FILED, f'"{REFITTED}"', "as filed", "`+ ") for text in scripts if name in text]
+    assert _step(FILED, Frame("", REFITTED), None, "")["title"] == "The model with the parameters from its file"

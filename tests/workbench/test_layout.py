@@ -27,6 +27,13 @@ return ['#regimes .scroll', '#measures'].map(css => document.querySelector(css))
   .filter(e => e.scrollWidth > e.clientWidth).map(e => `${e.ariaLabel}: ${e.scrollWidth} in ${e.clientWidth}`);
 """
 
+TABLES = """
+for (const d of document.querySelectorAll('#panels details')) d.open = true;
+return [...document.querySelectorAll('#panels .scroll')].filter(e => e.getClientRects().length)
+  .filter(e => e.scrollWidth > e.clientWidth).map(e => `${e.ariaLabel}: ${e.scrollWidth} in ${e.clientWidth}`);
+"""
+"""Of the panels, all of them opened: errors, parameters, correlations, numbers of an addition."""
+
 LONG = """
 const p = document.createElement('p');
 p.innerText = 'x'.repeat(400);
@@ -57,6 +64,14 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
         assert widths[1024] < widths[1920]  # the panel uses the width that there is
         assert widths[1920] > 0.25 * 1920
         assert widths[390] > 0.85 * 390
+        for width in (1024, 1280, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+            for step, tables in (("compare", 3), ("add", 1)):
+                page.click(f"#tab-{step}")
+                assert page.run(TABLES) == [], (width, step)
+                assert (
+                    page.run("return document.querySelectorAll(arguments[0]).length", f"#panel-{step} table") >= tables
+                )
         for theme in ("dark", "light"):
             page.click("#theme")
             assert page.run("return document.documentElement.dataset.theme") == theme
@@ -87,6 +102,7 @@ def test_tables_of_twelve_cells_are_seen_whole(window, tmp_path):
             page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
             page.idle()
             assert page.run(SCROLLED) == [], width
+            assert page.run(TABLES) == [], width
 
         # its report fits between the margins of a page of A4, so that a printer does not shrink it
         report = page.run(

@@ -235,7 +235,7 @@ def _film(cell: CellFacts) -> _Film:
     if cell.cooling == "liquid":
         text = f"1/(U A), U = {RIBBON_H:g} W/m²/K, A = {1e4 * cell.side_area:.4g} cm²"
         return _Film(
-            RIBBON_H * cell.side_area, 0.8, text, "a third of the side on a ribbon with a pad; more if immersed"
+            RIBBON_H * cell.side_area, 1.0, text, "a third of the side on a ribbon with a pad; a rig had a sixth"
         )
     return _still_air(cell)
 

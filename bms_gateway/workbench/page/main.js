@@ -1,5 +1,7 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, get, post, ui, keep, attempt, complain, fault, claim as claimed } from "./util.js";
+import { $, get, post, upload, ui, keep, attempt, complain, fault, claim as claimed, desked } from "./util.js";
+import * as columns from "./open.js";
+import * as kept from "./kept.js";
 import * as plots from "./plots.js";
 import * as measure from "./measure.js";
 import * as road from "./road.js";
@@ -79,7 +81,7 @@ function listen() {
     heard(JSON.parse(e.data));
   };
   source.onerror = () => {
-    if (source.readyState === EventSource.CLOSED) { complain(""); claim().then(listen, (e) => complain(e.message)); return; }
+    if (source.readyState === EventSource.CLOSED) { again(); return; }
     lost = true;
     complain("the workbench does not answer: is the program still running?");
   };
@@ -100,15 +102,39 @@ async function alone() {
   tabs.onmessage = (e) => { if (e.data.asked && e.data.asked === ui.desk) tabs.postMessage({ taken: ui.desk }); };
 }
 
+// Looks for the desk until there is one: a program that ends answers still, and one that was ended may be started later.
+const AGAIN_MS = 2000;
+let looking = false;
+async function again() {
+  if (looking) return;
+  looking = true;
+  for (let found = false; !found;) {
+    try {
+      await claim();
+      found = true;
+    } catch (e) {
+      complain(e.message);
+      await new Promise((done) => setTimeout(done, AGAIN_MS));
+    }
+  }
+  looking = false;
+  listen();
+}
+
 // This tab's desk; a fresh one where there is none, or the program was started anew.
 async function claim() {
   if (ui.desk) {
-    try { await get("state"); return; } catch { /* a fresh one, below */ }
+    try { await get("state"); return; } catch (e) { if (e.lost) throw e; /* a fresh one, below */ }
   }
   keep({ desk: (await post("desk")).desk });
+  complain("");
   version = -1; // a desk counts its own changes
-  // the program was started anew: the work goes its way again
-  if (ui.session) await road.resume(ui.session).catch((e) => complain(e.message));
+  // the program was started anew, or this tab is a duplicate: uploads are sent again, and the work goes its way again
+  await kept.each((file) => upload(file, true)).catch((e) => complain(e.message));
+  const anew = kept.changed().length > 0; // what was open cannot come back: the page says so
+  if (ui.session && !anew) await road.resume(ui.session).catch((e) => complain(e.message));
+  else if (Object.keys(ui.uploads).length) desked.then(columns.prepare); // chosen, and not opened yet
+  road.unkept();
 }
 
 function keys(e) {

@@ -82,9 +82,9 @@ export function picture(steps, ticked, styleOf, again) {
   data.unshift({ type: "scatter", mode: "lines", name: "known before", ...ellipse([a, b], before.map((x) => x[0]), [before[0][1] ** 2, 0, before[1][1] ** 2], RADII[95]), line: { color: GREY, dash: "dot", width: 1.4 }, hoverinfo: "skip" });
   const axis = (n, k) => {
     const low = Math.min(...ends[k]), high = Math.max(...ends[k]), middle = (low + high) / 2, half = Math.max(0.65 * (high - low), LEAST * Math.abs(middle));
-    return { title: { text: title(n), standoff: 6 }, range: [middle - half, middle + half], gridcolor: "#e3e3e3", zeroline: false, linecolor: "#777777", showline: true, ticks: "outside", nticks: 6 };
+    return { title: { text: k ? title(n).replace(" (", "<br>(") : title(n), standoff: 6 }, range: [middle - half, middle + half], gridcolor: "#e3e3e3", zeroline: false, linecolor: "#777777", showline: true, ticks: "outside", nticks: 6 };
   };
   $("pair-told").textContent = `${top.name}: ${a.name} ${within(a, a.at, Math.sqrt(main.v[0]))}; ${b.name} ${within(b, b.at, Math.sqrt(main.v[2]))}; correlation ${main.r.toFixed(2).replace("-", "−")}${Math.abs(main.r) > 0.9 ? ": hardly known apart" : ""}. In brackets 95 %. Known before: ${within(a, ...before[0])}, ${within(b, ...before[1])}.`;
-  return { data, pair, layout: { height: 340, margin: { l: 70, r: 14, t: 34, b: 48 }, font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 12, color: "#1a1a1a" }, paper_bgcolor: "#ffffff", plot_bgcolor: "#ffffff",
+  return { data, pair, layout: { height: 340, margin: { l: 84, r: 14, t: 34, b: 48 }, font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 12, color: "#1a1a1a" }, paper_bgcolor: "#ffffff", plot_bgcolor: "#ffffff",
     hovermode: "closest", legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom" }, xaxis: axis(a, 0), yaxis: axis(b, 1) } };
 }

@@ -1,5 +1,6 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
-import { $, el, post, attempt, ui, complain, wallMs, when } from "./util.js";
+import { $, el, post, attempt, ui, clock, complain, wallMs, when } from "./util.js";
+import { put as keepUpload, opened as uploadsOpened } from "./kept.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
@@ -11,37 +12,108 @@ const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--goo
 const HELD = ["current", "flow", "soc"]; // from one tick to the next
 const NARROW = 520; // px, below which there is room for two times only
 const TOP = 8, GAP = 14, FOOT = 24;
-const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
+const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"], ["chosen", "stretch from … to …"]];
+const DRAGGED_PX = 4; // less is a click
+let chosen = null; // start and end of a stretch that a person chose, s on the clock of the frames
 let about = null, fleet = "", view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
 
 export function build(known, name, jump, grafana) {
   about = known; view = name; seek = jump; fleet = grafana;
-  const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
+  const choice = (id, options) => el("select", { id, onchange: (e) => { if (id === "past-span") chosen = e.target.value === "chosen" ? seenEnds() : null; anew(); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
   for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img", "aria-label": "hottest point over time: nothing yet" })) svg.setAttribute(k, v);
-  svg.addEventListener("click", (e) => {
-    if (!shown?.t.length) return;
-    const box = svg.getBoundingClientRect(), [t0, t1] = ends();
-    seek(Math.min(Math.max(t0 + ((e.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (t1 - t0), t0), t1));
-  });
+  drag(svg);
   const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
     el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
-    el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS),
+    el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS), ...[["from", "from "], ["to", "to "]].map(([k, t]) => el("span", { class: "moment" }, el("label", { for: `past-${k}` }, t),
+      el("input", { id: `past-${k}`, autocomplete: "off", step: "1", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } }))),
     el("a", { id: "export", class: "file", download: "window.csv" }, "Export its estimates (CSV)"),
     el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
-    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list."));
+    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
   queueMicrotask(link);
   addEventListener("resize", () => { if (shown && svg.clientWidth) draw(); });
   return section;
 }
 
+// What is asked of the server for the stretch that is shown.
+const wanted = () => ({ view, span: chosen ? 0 : $("past-span").value, ...(chosen ? { from: chosen[0], to: chosen[1] } : {}) });
 const link = () => {
-  const span = $("past-span").value, string = $("past-string").value;
-  $("export").href = `/api/window?${new URLSearchParams({ view, span })}`;
-  $("export-signals").href = `/api/signals?${new URLSearchParams({ desk: ui.desk, view, string, span })}`;
+  const string = $("past-string").value;
+  $("export").href = `/api/window?${new URLSearchParams(wanted())}`;
+  $("export-signals").href = `/api/signals?${new URLSearchParams({ desk: ui.desk, string, ...wanted() })}`;
 };
+const anew = () => { asked = 0; link(); if (latest) follow(latest); };
+const seenEnds = () => (shown?.t.length > 1 ? [shown.first_s + shown.t[0], shown.first_s + shown.t.at(-1)] : null);
+
+function choose(from, to) {
+  chosen = [from, to];
+  $("past-span").value = "chosen";
+  anew();
+}
+
+// Start and end as a person reads and writes them: local date and time where the frames have the time of the wall, else since their beginning.
+const dated = () => latest?.wall_ms != null;
+const written = (s) => {
+  if (!dated()) return clock(s - shown.first_s);
+  const at = new Date(1e3 * s);
+  return new Date(at - 6e4 * at.getTimezoneOffset()).toISOString().slice(0, 19);
+};
+function moment(text) {
+  if (dated()) return new Date(text).getTime() / 1e3;
+  const parts = text.trim().split(":").map((x) => (/^\d+([.,]\d+)?$/.test(x) ? Number(x.replace(",", ".")) : NaN));
+  return parts.length <= 3 ? shown.first_s + parts.reduce((all, x) => 60 * all + x, 0) : NaN;
+}
+
+function fields() {
+  for (const [k, s] of Object.entries({ from: ends()[0], to: ends()[1] })) {
+    const field = $(`past-${k}`);
+    if (document.activeElement === field) continue;
+    field.type = dated() ? "datetime-local" : "text";
+    field.value = field.dataset.told = written(shown.first_s + s);
+    field.dataset.s = shown.first_s + s; // seconds are written whole
+  }
+}
+
+function typed() {
+  const both = ["from", "to"].map((k) => $(`past-${k}`));
+  if (!shown?.t.length || both.every((f) => f.value === f.dataset.told)) return;
+  const [from, to] = both.map((f) => (f.value === f.dataset.told ? Number(f.dataset.s) : moment(f.value)));
+  if (Number.isNaN(from) || Number.isNaN(to)) complain(dated() ? "a date and a time are needed" : "a time such as 0:12:30 is needed");
+  else if (from >= to) complain("the end of the stretch must be after its start");
+  else {
+    complain("");
+    both.forEach((f, k) => { f.dataset.told = f.value; f.dataset.s = [from, to][k]; });
+    choose(from, to);
+  }
+}
+
+// A click goes to a moment; who drags chooses a stretch.
+function drag(svg) {
+  let began = null, rect = null;
+  const time = (e) => {
+    const box = svg.getBoundingClientRect(), [t0, t1] = ends();
+    return Math.min(Math.max(t0 + ((e.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (t1 - t0), t0), t1);
+  };
+  svg.addEventListener("pointerdown", (e) => { if (shown?.t.length && e.button === 0) { began = e.clientX; svg.setPointerCapture(e.pointerId); } });
+  svg.addEventListener("pointermove", (e) => {
+    if (began === null || Math.abs(e.clientX - began) < DRAGGED_PX) return;
+    const left = svg.getBoundingClientRect().left, [a, b] = [began, e.clientX].sort((p, q) => p - q);
+    rect ??= document.createElementNS(SVG, "rect");
+    for (const [k, v] of Object.entries({ class: "choice", x: a - left, width: b - a, y: TOP, height: Number(svg.getAttribute("height")) - TOP - FOOT, fill: "var(--accent)", "fill-opacity": 0.25 })) rect.setAttribute(k, v);
+    svg.append(rect);
+  });
+  svg.addEventListener("pointerup", (e) => {
+    if (began === null) return;
+    const [from, to] = [time({ clientX: began }), time(e)].sort((p, q) => p - q);
+    if (rect) choose(shown.first_s + from, shown.first_s + to);
+    else seek(to);
+    rect?.remove();
+    began = rect = null;
+  });
+  svg.addEventListener("pointercancel", () => { rect?.remove(); began = rect = null; });
+}
 
 // The fleet's dashboard with the same string and window; only where the frames have the time of the wall.
 function toFleet() {
@@ -55,8 +127,18 @@ function toFleet() {
 
 // Opens the signals of the window on this tab's desk: the road begins there, with the model of the live page.
 async function diagnose() {
-  await post("window", { view, string: Number($("past-string").value), span: Number($("past-span").value) });
+  const { files } = await post("window", { view, string: Number($("past-string").value), span: chosen ? 0 : Number($("past-span").value), ends: chosen });
+  keepBoth(files).catch((e) => complain(e.message));
   dispatchEvent(new CustomEvent("tab", { detail: "compare" }));
+}
+
+// As uploads are: the program may have forgotten this window when it is started anew.
+async function keepBoth(files) {
+  for (const name of files) {
+    const answer = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name })}`);
+    if (answer.ok) await keepUpload(await answer.blob(), name);
+  }
+  uploadsOpened();
 }
 const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
 
@@ -64,14 +146,17 @@ const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
 let latest = null, later = 0;
 export function follow(p) {
   latest = p;
-  const now = `${$("past-string").value}|${$("past-span").value}|${p.following ? p.ticks : p.at}`;
+  const now = `${$("past-string").value}|${$("past-span").value}|${chosen ?? (p.following ? p.ticks : p.at)}`;
   if (busy || now === key) return;
   const wait = asked ? EVERY_MS - (performance.now() - asked) : 0;
   clearTimeout(later);
   if (wait > 0) { later = setTimeout(() => follow(latest), wait); return; }
   key = now; asked = performance.now(); busy = true;
-  const string = $("past-string").value, query = new URLSearchParams({ view, string, span: $("past-span").value });
-  fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => { shown = { ...found, string: Number(string) }; draw(); toFleet(); $("past").dataset.points = found.t.length; })
+  const string = $("past-string").value, query = new URLSearchParams({ string, ...wanted() });
+  fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => {
+    if (found.error) throw new Error(found.error);
+    shown = { ...found, string: Number(string) }; draw(); link(); if (shown.t.length) fields(); toFleet(); $("past").dataset.points = found.t.length;
+  })
     .catch((e) => complain(e.message)).finally(() => { busy = false; follow(latest); });
 }
 

@@ -98,7 +98,7 @@ const labelled = (name) => state.diagnosed?.ranking.find((r) => r.name === name)
 
 function laidOver(place) {
   if (place === "surface" && fitting?.of === specs.surface?.name) {
-    const line = { type: "scatter", mode: "lines", name: `+ ${fitting.names}, being fitted`, hoverinfo: "skip", line: { color: colorOf(state.steps.length), width: 2.6 } };
+    const line = { type: "scatter", mode: "lines", name: `${fitting.step}, being fitted`, hoverinfo: "skip", line: { color: colorOf(state.steps.length), width: 2.6 } };
     return [{ ...line, x: fitting.x, y: fitting.y }, { ...line, x: fitting.at, y: fitting.residual, yaxis: "y2", showlegend: false }];
   }
   const own = over && place === "surface" ? curves.get(over)?.[specs.surface?.name] : null;
@@ -121,8 +121,8 @@ export async function trying(trial) {
   try {
     while (latest && latest.picture !== pictured && specs.surface?.figure && window.Plotly) {
       pictured = latest.picture;
-      const { names } = latest, of = specs.surface.name, { curves: own } = await get("curves", { name: of, fitting: 1 });
-      if (latest && own) { fitting = { ...own, of, names }; await draw("surface"); }
+      const { step } = latest, of = specs.surface.name, { curves: own } = await get("curves", { name: of, fitting: 1 });
+      if (latest && own) { fitting = { ...own, of, step }; await draw("surface"); }
     }
   } catch (e) { complain(e.message); } finally { asking = false; }
 }
@@ -247,7 +247,7 @@ async function pairs() {
   const styles = new Map(state.steps.map((s, i) => [s.name, styleOf(i)])), node = $("plot-pair");
   const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
   if (!found || !$("pairs").open || !window.Plotly) return;
-  const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text];
+  const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text.replace("<br>", " ")];
   node.style.height = `${found.layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", `Contours of ${across} and ${up}; the sentence above tells the same`);

@@ -1,6 +1,7 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted } from "./util.js";
 import * as columns from "./open.js";
+import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
@@ -15,7 +16,9 @@ const fold = (id, title, ...inside) =>
     const rest = ui.open.filter((x) => x !== id);
     keep({ open: e.target.open ? [...rest, id] : rest });
   } }, el("summary", {}, title), ...inside);
-const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html });
+// In narrow tables a long symbol may be broken after its points and underscores.
+const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/\S{12,}/g, (word) => word.replace(/[._]/g, "$&<wbr>")));
+const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
 
 export function prepare() {
   $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
@@ -25,6 +28,8 @@ export function prepare() {
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
       columns: columns.said(), each: columns.each() });
+    uploadsOpened();
+    unkept();
   }));
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
   $("tables").addEventListener("change", columns.prepare);
@@ -40,6 +45,7 @@ export function prepare() {
     e.target.value = "";
     await take(files);
   }));
+  unkept();
   // what is filled in and not yet opened outlives a reload
   for (const f of fields()) f.value = ui.typed?.[f.id] ?? f.value;
   $("describe").open = Boolean(ui.typed?.["form-cell"]);
@@ -60,6 +66,17 @@ export async function resume(session) {
     if (e.message.startsWith("session: upload ")) waiting = session;
     throw e;
   });
+  uploadsOpened();
+}
+
+// What this browser does not keep is said as long as it is so.
+export function unkept() {
+  const told = lacking(), anew = changed().join(", ");
+  $("unkept").hidden = !told && !anew;
+  $("unkept").textContent = [
+    told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`,
+    anew && `${anew}: uploaded again after it was opened. What is shown is of the file before, and does not come back when the program is started anew; Open opens the file that was uploaded last.`,
+  ].filter(Boolean).join(" ");
 }
 
 async function sessionIn(file) {
@@ -71,6 +88,7 @@ async function take(files, field = null) {
   const named = files.filter((f) => /\.json$/i.test(f.name));
   for (const file of files.filter((f) => !named.includes(f))) {
     const { name } = await upload(file);
+    await keepUpload(file, name);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
     if (to === "tables" || to === "dbc") $(to).value = [...new Set([...words($(to).value), name])].join("\n");
@@ -78,6 +96,7 @@ async function take(files, field = null) {
     if (to === "dbc" || to === "config") $("more").open = true;
   }
   typed();
+  unkept();
   const session = named.length ? await sessionIn(named[0]) : waiting;
   if (session) await resume(session);
   else if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
@@ -156,9 +175,9 @@ function compare() {
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  const { name, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
+  const { title, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
   if (remains) box.append(el("p", { class: "alarm" }, remains));
-  box.append(...core(known), el("h3", {}, { "from its file": "The model with the parameters from its file", refitted: "Refitted to these data, within what the model declares" }[name] ?? name));
+  box.append(...core(known), el("h3", {}, title));
   if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   for (const [id, title] of t ? TABLES.filter(([id]) => t[id]) : []) box.append(fold(id, `${title}: ${t.of}`, scroll(`${title}: ${t.of}`, t[id])));
@@ -263,8 +282,8 @@ const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"]
 function steps() {
   const r = state.refusal ?? state.job?.trial;
   const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
-  if (state.job?.trial) all.push({ name: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
-  else if (r) all.push({ name: `+ ${r.names} (not added)`, kind: "tried", stair: r.after });
+  if (state.job?.trial) all.push({ name: `${r.step}, being fitted (closest fit so far)`, kind: "fitting", stair: state.job.trial.after });
+  else if (r) all.push({ name: `${r.step} (not added)`, kind: "tried", stair: r.after });
   return all;
 }
 
@@ -311,8 +330,9 @@ function raise(kinds, count) {
 
 export function trial(found) {
   if (!state || !found) return;
+  const first = !state.job?.trial;
   state.job = { ...state.job, trial: found };
-  if (stairs.hidden) adding();
+  if (first || stairs.hidden) adding();
   else climb();
 }
 
@@ -329,6 +349,7 @@ function adding() {
   if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
+  if (state.job?.trial) box.append(el("p", { class: "muted", id: "fitting-told" }, "Striped: how close a fit comes to the readings so far. In the end the bar stands at the error that is stated for the step: that of numbers which also hold to what was known before, so it may be larger."));
   const hatched = !stairs.hidden && state.steps.some((s) => s.core?.proven === false);
   if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " hatched: the surface may be better, the core is not proven"));
   const way = el("ol", { class: "way" });
@@ -340,6 +361,7 @@ function adding() {
       if (!s.told.core.proven) item.append(el("br"), el("b", { class: "alarm" }, `${s.told.tag}. ${s.told.core.sentence}`), ...s.told.core.why.flatMap((t) => [el("br"), t]));
       if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
       if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
+      if (s.told.closest) item.append(el("br"), el("span", { class: "muted" }, s.told.closest));
       for (const m of s.told.core_measured) item.append(el("br"), el("span", { class: m.alarm ? "danger" : "" }, `${m.sentence} Before: ${K(m.before_K)} off.`));
     }
     way.append(item);

@@ -17,7 +17,7 @@ export function el(tag, attributes = {}, ...children) {
 // What a reload keeps, of this tab alone.
 const KEPT = "workbench";
 export const ui = Object.assign(
-  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null },
+  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null, uploads: {}, opened: {}, unkept: {} },
   JSON.parse(sessionStorage.getItem(KEPT) || "{}"),
 );
 export const keep = (change = {}) => {
@@ -51,7 +51,7 @@ async function answered(response) {
 async function asked(url, how) {
   let response;
   try { response = await fetch(url, how); } catch {
-    throw new Error("the workbench does not answer: is the program still running?");
+    throw Object.assign(new Error("the workbench does not answer: is the program still running?"), { lost: true });
   }
   return answered(response);
 }
@@ -76,8 +76,9 @@ export const post = (what, body = {}) => until(async () => {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   });
 });
-export const upload = async (file) => {
-  await desked;
+// On the way to a desk files are sent to it before anything else may come.
+export const upload = async (file, early = false) => {
+  if (!early) await desked;
   return asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
     method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file,
   });

@@ -122,6 +122,40 @@ def white_noise(t: Floats, y: Floats, step: float) -> float:
     return max(_before_rounding(W / step**2) * step, floor)
 
 
+def slow_rounding(t: Floats, y: Floats) -> float:
+    r"""Estimate the part of a sensor's rounding error that goes on from reading to reading.
+
+    Noise whitens the rest. With the equation of the module, and σ before rounding,
+
+    .. math:: q^2 \sum_{k \ge 1} \frac{e^{-4 \pi^2 k^2 s^2}}{2 \pi^2 k^2}, \qquad s = \sigma / q
+
+    Parameters
+    ----------
+    t, y : ndarray (K,)
+        Stamps, s, increasing, and readings; no NaN.
+
+    Returns
+    -------
+    float
+        K; 0 where the sensor has no steps, or none can be told.
+
+    Examples
+    --------
+    >>> t = np.arange(3600.0)
+    >>> rise = 30.0 + 5.0 * np.sin(t / 600.0)
+    >>> round(slow_rounding(t, np.round(rise)), 2)  # of 1 / sqrt(12)
+    0.29
+    >>> slow_rounding(t, rise)
+    0.0
+    """
+    step = resolution(y) if len(y) else 0.0
+    if step == 0.0:
+        return 0.0
+    sigma = white_noise(t, y, step)
+    s = sigma / step if sigma > LEAST_STEPS * step else 0.0
+    return step * float(np.sqrt(np.sum(_kept(s)) if s > 0.0 else 1.0 / 12.0))
+
+
 def estimate_noise(t: Floats, y: Floats, sensor: NDArray[np.intp], sensors: int) -> Noise:
     """Noise and resolution of each sensor.
 
@@ -157,13 +191,17 @@ def _calm(y: Floats) -> Floats:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
+def _kept(s: float) -> Floats:
+    """Terms of the sum in the module's equation."""
+    return np.asarray(np.exp(-4.0 * np.pi**2 * TERMS**2 * s**2) / (2.0 * np.pi**2 * TERMS**2))
+
+
 def _before_rounding(W: float) -> float:
     """Solve the module's equation for s."""
 
     def white(s: float) -> float:
-        lost = np.exp(-4.0 * np.pi**2 * TERMS**2 * s**2) / (2.0 * np.pi**2 * TERMS**2)
         # the sum at s = 0 in place of 1/12, so that eight terms are enough
-        return float(s**2 + np.sum(1.0 / (2.0 * np.pi**2 * TERMS**2)) - np.sum(lost))
+        return float(s**2 + np.sum(_kept(0.0)) - np.sum(_kept(s)))
 
     if W >= 1.0:
         return float(np.sqrt(W - 1.0 / 12.0))

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.sensor_noise import LEAST_K, LEAST_STEPS, estimate_noise, resolution, white_noise
+from bms_gateway.identify.sensor_noise import (
+    LEAST_K,
+    LEAST_STEPS,
+    estimate_noise,
+    resolution,
+    slow_rounding,
+    white_noise,
+)
 
 
 def readings(sigma, step, *, seed=0, dt=1.0, missing=0.1, jitter=0.3, n=3600):
@@ -71,3 +78,20 @@ def test_each_sensor_has_its_own():
     assert noise.sigma == pytest.approx([0.1, 0.3], rel=0.1)
     assert noise.step == pytest.approx([0.0, 0.5], abs=2e-3)
     assert noise.total[1] == pytest.approx(np.hypot(0.3, 0.5 / np.sqrt(12)), rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("sigma", "step"), [(0.0, 1.0), (0.05, 1.0), (0.05, 0.5), (0.1, 0.5), (0.3, 0.5), (0.2, 1.0)])
+def test_the_rounding_error_that_lasts_is_that_of_the_mean_reading(sigma, step, seed):
+    """Monte Carlo: of many readings of one place, the error of their mean is what noise does not whiten."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(0.0, step, 400)[:, None]
+    lasts = (np.round((at + sigma * rng.standard_normal((400, 2000))) / step) * step - at).mean(axis=1)
+    t, y = readings(sigma, step, seed=seed)
+    assert slow_rounding(t, y) == pytest.approx(np.sqrt(np.mean(lasts**2)), abs=0.06 * step)
+
+
+def test_fine_readings_round_nothing_away():
+    assert slow_rounding(*readings(0.05, 0.0)) == 0.0
+    assert slow_rounding(np.empty(0), np.empty(0)) == 0.0
+    assert slow_rounding(np.arange(50.0), np.full(50, 21.0)) == 0.0

@@ -1,0 +1,140 @@
+"""Frames cut into fields as makers cut theirs: bytes, pairs of bytes, twelve bits from a nibble on; by pages too."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.bits import Place
+from bms_gateway.setup.bit_contradictions import BOTH_ENDS, NEAR, SMOOTHER
+from bms_gateway.setup.intervals import silences
+from bms_gateway.thermal import Floats
+
+FEWEST: Final = 20
+"""Least number of frames of a message, or of one page of it, whose bits are judged."""
+MOST_PAGES: Final = 64
+FEWEST_OF_PAGE: Final = 12
+STAYS: Final = 0.3
+OF_ITS_OWN: Final = 0.5
+
+
+@dataclass(slots=True)
+class Field:
+    """Some bits of a message, or of one page of it.
+
+    Attributes
+    ----------
+    can_id : int
+    page : int or None
+        Value of the first byte, where it says what the others are.
+    place : Place
+    t, x : ndarray (n,)
+        Seconds from the begin; raw values.
+    silent_s : float
+        Of the time from the first sample to the last: without any frame on the bus.
+    """
+
+    can_id: int
+    page: int | None
+    place: Place
+    t: Floats
+    x: Floats
+    silent_s: float = 0.0
+
+    @property
+    def rate_Hz(self) -> float:
+        """Samples per second while the bus is not silent; 0 where all stand at one time."""
+        seconds = float(self.t[-1] - self.t[0]) - self.silent_s
+        return (len(self.t) - 1) / seconds if seconds > 0.0 else 0.0
+
+    def overlaps(self, other: "Field") -> bool:
+        """Whether both take some bits of one message."""
+        if self.can_id != other.can_id or self.page != other.page:
+            return False
+        return not self.place.bits.isdisjoint(other.place.bits)
+
+
+def name_of(f: Field) -> str:
+    """Say where the bits are.
+
+    Examples
+    --------
+    >>> name_of(Field(0x1DB, None, Place(7, 12, True), np.zeros(1), np.zeros(1)))
+    '0x1DB bits 7|12@0+'
+    """
+    page = "" if f.page is None else f" page {f.page}"
+    order, sign = int(not f.place.big_endian), "-" if f.place.signed else "+"
+    return f"0x{f.can_id & 0x1FFFFFFF:X}{page} bits {f.place.start}|{f.place.size}@{order}{sign}"
+
+
+def fields_of(frames: FrameBatch) -> Iterator[Field]:
+    """Cut all messages that come often enough."""
+    t = (frames.time_ns - frames.time_ns[0]) * 1e-9
+    silent = np.cumsum(silences(frames.time_ns) * 1e-9)
+    order = np.argsort(frames.can_id, kind="stable")
+    ids, starts = np.unique(frames.can_id[order], return_index=True)
+    for can_id, part in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
+        length = int(np.median(frames.length[part]))
+        rows = part[frames.length[part] == length]
+        if len(rows) < FEWEST or length < 1:
+            continue
+        data = frames.data[rows, :length].astype(np.int64)
+        pages = _pages(data)
+        chosen: list[int | None] = [*pages] or [None]
+        for page in chosen:
+            of_it = np.ones(len(data), np.bool_) if page is None else data[:, 0] == page
+            if of_it.sum() >= FEWEST_OF_PAGE:
+                ends = silent[rows][of_it][[0, -1]]
+                for f in _cut(int(can_id), page, t[rows][of_it], data[of_it]):
+                    f.silent_s = float(ends[1] - ends[0])
+                    yield f
+
+
+def _pages(data: NDArray[np.int64]) -> list[int]:
+    """Values of a first byte by which the rest is told apart; none where it is like from frame to frame."""
+    first = data[:, 0]
+    values = np.unique(first)
+    if not 2 <= len(values) <= MOST_PAGES or data.shape[1] < 3:
+        return []
+    if (np.diff(first) == 0).mean() > STAYS or len(first) < FEWEST_OF_PAGE * len(values):
+        return []
+    rest = data[:, 1:]
+    from_frame = np.abs(np.diff(rest, axis=0)).mean()
+    own = [np.abs(np.diff(rest[first == v], axis=0)) for v in values if (first == v).sum() > 1]
+    from_page = np.concatenate(own).mean() if own else np.inf
+    return [int(v) for v in values] if from_page < OF_ITS_OWN * from_frame else []
+
+
+def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> Iterator[Field]:
+    """Cut frames into bytes, pairs of bytes in both orders, and twelve bits from a nibble on."""
+    n = data.shape[1]
+    for k in range(0 if page is None else 1, n):
+        b = data[:, k]
+        yield _field(can_id, page, t, b, Place(8 * k, 8))
+        if k + 1 == n:
+            continue
+        c = data[:, k + 1]
+        yield _field(can_id, page, t, b | c << 8, Place(8 * k, 16))
+        yield _field(can_id, page, t, b << 8 | c, Place(8 * k + 7, 16, big_endian=True))
+        yield _field(can_id, page, t, b | (c & 15) << 8, Place(8 * k, 12))
+        yield _field(can_id, page, t, b >> 4 | c << 4, Place(8 * k + 4, 12))
+        yield _field(can_id, page, t, b << 4 | c >> 4, Place(8 * k + 7, 12, big_endian=True))
+        yield _field(can_id, page, t, (b & 15) << 8 | c, Place(8 * k + 3, 12, big_endian=True))
+
+
+def _field(can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], place: Place) -> Field:
+    """Take the values with a sign where they sit at both ends of the bits and are smooth across them."""
+    whole = 1 << place.size
+    none = raw == whole - 1  # all ones: not available, as most makers have it
+    signed = False
+    x = raw
+    if place.size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:
+        turned = np.where(raw >= whole // 2, raw - whole, raw)
+        if np.abs(np.diff(turned)).mean() < SMOOTHER * np.abs(np.diff(raw)).mean():
+            x, signed = turned, True
+    elif none.any() and none.mean() < 0.5:
+        t, x = t[~none], x[~none]
+    return Field(can_id, page, replace(place, signed=signed), t, x.astype(np.float64))

@@ -1,0 +1,141 @@
+"""Voltages of lumps of series cells: modules with one thermocouple each, whose cells or whose sum have voltages.
+
+A cell of the model stands for the cell that its thermocouple sits on, and for those like it. Its voltage is then the
+mean of the module's cells. The config names one signal for it: the sum of the module over its cells, or that of the
+cell whose voltage is the nearest to their mean all the time.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.setup.find_electrical import ADDS_UP, CELL_V, NOMINAL_V, extreme_cell_V, while_on
+from bms_gateway.setup.groups import Member, alike
+from bms_gateway.setup.proposal import Proposal, Proposed, fits
+from bms_gateway.setup.signal_series import Series
+from bms_gateway.setup.signal_words import NOT_MEASURED, OTHER_THINGS, STATISTIC, VOLTAGE, has, named, unit_of
+
+NOT_KNOWN: Final = "which thermocouple sits on which of these cells is not known: not written into the config"
+
+
+def place_lumps(
+    proposal: Proposal,
+    thermocouples: list[Member],
+    cells: list[Member],
+    series: list[Series],
+    edges: NDArray[np.float64],
+) -> None:
+    """Give each cell of the model the voltage of its lump, where the names or the sums tell which one it is.
+
+    Parameters
+    ----------
+    proposal : Proposal
+        With thermocouples, the pack's voltage and the cells' voltages; where these belong to strings already, nothing
+        changes.
+    thermocouples, cells : list of Member
+    series : list of Series
+        All signals.
+    edges : ndarray, s
+    """
+    by_path = {p.path: p for p in proposal.of("surface") if p.index is not None}
+    mine = [m for m in thermocouples if m.series.path in by_path]
+    volted = {p.path: p for p in proposal.of("cell_voltage")}
+    if len(mine) < 2 or len(mine) != len(by_path) or any(p.string is not None for p in volted.values()):
+        return
+    modules = _by_module(mine, [m for m in cells if m.series.path in volted])
+    for thermocouple, of_module in modules:
+        place = by_path[thermocouple.series.path]
+        typical = _nearest_to_mean([m.series for m in of_module], edges)
+        for m in of_module:
+            p = volted[m.series.path]
+            p.why = [w for w in p.why if w != NOT_KNOWN]
+            p.sure = False
+            if m.series is not typical:
+                p.why.append(f"of the module of {place.path}: {typical.path} stands for its {len(of_module)} cells")
+                continue
+            p.string, p.index = place.string, place.index
+            p.why.append(
+                f"by the names one of the {len(of_module)} cells of the module of {place.path}, and the nearest to "
+                "their mean"
+            )
+    if not modules:
+        _whole_modules(proposal, mine, by_path, series)
+
+
+def _by_module(thermocouples: list[Member], cells: list[Member]) -> list[tuple[Member, list[Member]]]:
+    """Find the cells of each thermocouple by a number that both have in their names; empty where it does not tell."""
+    for own in range(len(thermocouples[0].whole)):
+        keys = [m.whole[own] for m in thermocouples]
+        for column in range(len(cells[0].where) if cells else 0):
+            found = [[c for c in cells if c.where[column] == key] for key in keys]
+            sizes = {len(f) for f in found}
+            if (
+                len(set(keys)) == len(keys)
+                and len(sizes) == 1
+                and min(sizes) > 1
+                and sum(map(len, found)) == len(cells)
+            ):
+                return list(zip(thermocouples, found, strict=True))
+    return []
+
+
+def _nearest_to_mean(of_module: list[Series], edges: NDArray[np.float64]) -> Series:
+    rows = np.array([s.on_grid(edges) for s in of_module])
+    rows = rows[:, np.isfinite(rows).all(axis=0)]
+    if not rows.shape[1]:
+        return of_module[0]
+    # by medians: the voltages are not read at one instant, and a step of the current between them says nothing
+    return of_module[int(np.median(np.abs(rows - rows.mean(axis=0)), axis=1).argmin())]
+
+
+def _whole_modules(
+    proposal: Proposal, thermocouples: list[Member], by_path: dict[str, Proposed], series: list[Series]
+) -> None:
+    """Take the voltages of whole modules, as many as thermocouples, which add up to the pack's."""
+    pack = next((p.factor * while_on(p.series) for p in proposal.of("voltage") if p.string is None), None)
+    used = {p.path for p in proposal.signals}
+    voltages = [s for s in series if s.path not in used and _may_be_voltage(s)]
+    for group in alike(voltages) if pack is not None else []:
+        middles = np.array([while_on(m.series) for m in group])
+        unit = unit_of(group[0].series.info.unit)
+        for factor in (unit.factor,) if unit is not None else (1.0, 0.1, 1e-2, 1e-3):
+            if len(group) != len(thermocouples) or abs(factor * middles.sum() / pack - 1) > ADDS_UP:
+                continue
+            each = factor * float(np.median(middles))
+            count = round(each / (extreme_cell_V(series) or NOMINAL_V))
+            if count < 2 or not CELL_V[0] < each / count < CELL_V[1]:
+                continue
+            _take(proposal, thermocouples, by_path, group, factor, count, each / count)
+            return
+
+
+def _take(
+    proposal: Proposal,
+    thermocouples: list[Member],
+    by_path: dict[str, Proposed],
+    group: list[Member],
+    factor: float,
+    count: int,
+    each: float,
+) -> None:
+    for thermocouple, m in zip(thermocouples, group, strict=True):
+        place = by_path[thermocouple.series.path]
+        why = [
+            f"one of {len(group)} voltages that add up to the pack's, as many as thermocouples: of {count} cells in "
+            f"series each, by {each:.3g} V of a cell, so a {count}th of it is that of a cell",
+        ]
+        proposal.signals.append(
+            Proposed("cell_voltage", m.series, factor / count, 0.0, place.string, place.index, why=why)
+        )
+    cells = count * len(group)
+    if proposal.series_cells != cells:
+        proposal.remarks.append(f"the voltages of {len(group)} modules make {cells} cells in series likelier")
+        proposal.series_cells = cells
+
+
+def _may_be_voltage(s: Series) -> bool:
+    unit, mine = unit_of(s.info.unit), named(s.info)
+    if has(mine, NOT_MEASURED, OTHER_THINGS, tuple(STATISTIC)) or s.constant or not fits("cell_voltage", s.info):
+        return False
+    return has(mine, VOLTAGE) if unit is None else unit.family == "voltage"

@@ -1,0 +1,51 @@
+"""While an effect is being fitted its bars show the closest fits, and say so; then they stand at the step's error."""
+
+import pytest
+
+from tests.support.page_steps import FIT_S, seen_added, seen_compared
+from tests.truth.packs import pack as make_pack
+from tests.workbench.browser import faults
+from tests.workbench.conftest import served
+
+FOUND = """
+const road = await import('/page/road.js');
+const stair = (x) => ({trained_K: x, held_K: x, floor_K: 0.05, core_K: 1});
+road.trial({names: 'heat (a)', step: '+ heat (a)', before: stair(0.5), after: stair(arguments[0]), picture: 0});
+"""
+"""What the server tells of an addition on its way."""
+LAST = "const b = [...document.querySelectorAll('.bars')[0].querySelectorAll('.bar')].at(-1);"
+
+
+def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
+    pack = make_pack(tmp_path, seconds=600)
+    with served(tmp_path, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-add")
+        for error_K in (0.4, 0.2):
+            page.run(FOUND, error_K)
+            assert page.run(LAST + "return b.className") == "bar fitting"
+            assert page.run(LAST + "return b.lastChild.textContent") == f"{error_K:.2f}"
+        assert page.text("#bar-names").endswith("3 + heat (a), being fitted (closest fit so far)")
+        assert "the bar stands at the error that is stated for the step" in page.text("#fitting-told")
+        assert faults(page, axe) == []
+
+
+@pytest.mark.slow
+def test_bars_end_at_the_error_that_is_stated(window, tmp_path):
+    pack = make_pack(tmp_path)
+    with served(tmp_path, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        seen_added(page)
+        assert not page.there("#fitting-told")
+        stated = page.run(
+            "const { desk } = JSON.parse(sessionStorage.workbench);"
+            "const told = await fetch(`/api/state?desk=${desk}`).then(r => r.json());"
+            "return told.steps.map(s => s.stair.held_K)"
+        )
+        shown = (
+            "return [...document.querySelectorAll('.bars')[1].querySelectorAll('.bar b')].map(b => Number(b.innerText))"
+        )
+        assert page.run(shown) == pytest.approx(stated, rel=0.01)

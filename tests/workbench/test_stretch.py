@@ -1,0 +1,157 @@
+"""A stretch of the live page's past is chosen freely, by pointer or by keys, and is what is exported and diagnosed."""
+
+import csv
+import io
+import json
+
+import pytest
+
+from bms_gateway.bus.logfile import write_log
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.report.table import read_table
+from bms_gateway.workbench.sources import Playback
+from bms_gateway.workbench.stretch import in_order, signals
+from bms_gateway.workbench.watch import Watch
+from tests.support.vehicle_traffic import traffic
+from tests.workbench.browser import come, faults
+from tests.workbench.conftest import served
+
+EXAMPLE = "deploy/example/gateway.toml"
+SECOND = 1_000_000_000
+BEGAN_S = 1_700_000_000
+"""Wall clock of the log's first frame."""
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return traffic(200.0)
+
+
+@pytest.fixture(scope="module", params=[0, BEGAN_S], ids=["since the beginning", "wall clock"])
+def log(request, frames, tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "drive.log"
+    write_log(path, [FrameBatch(frames.time_ns + request.param * SECOND, frames.can_id, frames.length, frames.data)])
+    return path
+
+
+@pytest.fixture(scope="module")
+def watch(log):
+    config = load_config(shipped(EXAMPLE))
+    engine, source = Engine(config.plan, config.database), Playback([log])
+    watch = Watch(engine, "log", log.name, 500e3, source.traffic)
+    source.start(engine, watch)
+    come(lambda: watch.whole, "the end of the log")
+    yield watch
+    watch.signals.close()
+
+
+def test_a_stretch_holds_its_first_and_its_last_tick_wherever_a_tab_looks(watch, tmp_path):
+    watch.steer("test", {"play": False, "seek": 20})
+    first = json.loads(next(watch.stream("test")))["first_s"]
+    ends = first + 50.0, first + 90.0
+    past = watch.history("test", 1, 0.0, ends)
+    assert (past["t"][0], past["t"][-1], past["first_s"]) == (50.0, 90.0, first)
+    rows = list(csv.DictReader(io.StringIO(b"".join(watch.table("test", 0.0, ends)).decode())))
+    assert len(rows) == 41 * 60
+    assert {float(r["time_s"]) for r in rows} == {float(t) for t in range(50, 91)}
+    signals(watch, "test", 1, 0.0, ends, tmp_path / "window.csv")
+    table = read_table(tmp_path / "window.csv")
+    assert table.time_s[-1] - table.time_s[0] == pytest.approx(40.0, abs=1.1)
+
+
+@pytest.mark.parametrize("wrong", [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (1.0, 1e11), (float("nan"), 1.0)])
+def test_a_stretch_ends_after_its_start(wrong):
+    with pytest.raises(UsageError, match="its end must be after its start"):
+        in_order(wrong)
+
+
+@pytest.mark.parametrize("wrong", [(5.0,), "ab", 3, (True, 2.0), ("1", "2")])
+def test_a_stretch_has_two_ends(wrong):
+    with pytest.raises(UsageError, match="its start and its end"):
+        in_order(wrong)
+
+
+DRAG = """
+const box = document.querySelector('#past rect').getBoundingClientRect();
+return [box.left + arguments[0] * box.width, box.top + box.height / 2];
+"""
+SHOWN = "const p = document.querySelector('#past'); return Number(p.dataset.points)"
+ENDS = "return ['from', 'to'].map(k => Number(document.querySelector('#past-' + k).dataset.s))"
+
+
+def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
+    with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
+        page = window(url, (1280, 900))
+        page.wait("return document.querySelector('#play') && !document.querySelector('#live-state').innerText")
+        page.click("#play")
+        page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
+        page.wait(SHOWN + " === 191")
+        first = page.run(ENDS)[0]
+        page.run("document.querySelector('#past').scrollIntoView({block: 'center'})")
+
+        def point(kind, share):
+            x, y = page.run(DRAG, share)
+            page.cdp("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+        point("mousePressed", 0.25)
+        point("mouseMoved", 0.5)
+        point("mouseMoved", 0.75)
+        assert page.run("return document.querySelectorAll('#past .choice').length") == 1
+        point("mouseReleased", 0.75)
+        page.wait(SHOWN + " < 100")
+        assert page.run(ENDS) == pytest.approx([first + 47.5, first + 142.5], abs=1.5)
+        assert page.run("return document.querySelector('#past-span').value") == "chosen"
+        assert page.run("return document.querySelector('#time').value") == "190"  # no click went to a moment
+
+        # the same by keys: both fields, in the words of the page's clock
+        wall = page.run("return document.querySelector('#past-from').type") == "datetime-local"
+        assert wall is (first > 1e9)
+        local = (
+            "const d = new Date(1e3 * arguments[0]), local = new Date(d - 6e4 * d.getTimezoneOffset());"
+            "return local.toISOString().slice(0, 19)"
+        )
+        for field, s in (("from", 30), ("to", 90)):
+            text = page.run(local, first + s) if wall else f"0:{s // 60:02}:{s % 60:02}"
+            write = "const f = document.querySelector(arguments[0]); f.focus(); f.value = arguments[1];"
+            page.run(write, f"#past-{field}", text)  # a date picker is no text for the driver
+            page.press("Enter")
+            page.wait("return document.querySelector('#past-span').value === 'chosen'")
+        page.wait(SHOWN + " === 61")
+        assert page.run(ENDS) == [first + 30.0, first + 90.0]
+        page.run(write, "#past-to", page.run(local, first + 10) if wall else "0:00:10")
+        page.press("Enter")
+        assert page.text("#error-text") == "the end of the stretch must be after its start"
+        if not wall:
+            page.run(write, "#past-to", "soon")
+            page.press("Enter")
+            assert page.text("#error-text") == "a time such as 0:12:30 is needed"
+        page.click("#dismiss")
+        assert faults(page, axe) == []
+        for width in (390, 1024, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+            page.wait("return document.documentElement.scrollWidth <= innerWidth")
+
+        got = page.run("return fetch(document.querySelector('#export').href).then(r => r.text())")
+        assert got.count("\n") == 1 + 60 * 61
+        page.run(
+            "const s = document.querySelector('#past-string'); s.value = '1'; s.dispatchEvent(new Event('change'))"
+        )
+        page.wait("return document.querySelector('#past').getAttribute('aria-label').includes('string_2')")
+        page.click("#diagnose-window")
+        page.wait("return document.querySelector('#what').innerText.includes('window_of_string_2.csv')", patience_s=300)
+        page.idle(300)
+        assert "window_of_string_2.csv: 1 min" in page.run("return document.querySelector('#opened').textContent")
+        # a restart finds the window where the page has kept it
+        assert sorted(json.loads(page.run("return sessionStorage.workbench"))["uploads"]) == [
+            "string_2.toml",
+            "window_of_string_2.csv",
+        ]
+
+        # back to the usual spans
+        page.click("#tab-live")
+        page.run("const s = document.querySelector('#past-span'); s.value = '0'; s.dispatchEvent(new Event('change'))")
+        page.wait(SHOWN + " === 191")
+        assert page.complaints() == []
