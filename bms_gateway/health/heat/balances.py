@@ -192,8 +192,6 @@ class Unknown:
         What the casings keep of the heat that they would give to the coolant, by the numbers in force.
     film, own_film : ndarray (S, n), W
         Derivatives of this by the lost share of all films, and by the cell's own.
-    keeps : ndarray (S, n), W/K
-        Derivative of it by the mean gap between casing and coolant.
     entropy : ndarray (S, n), A K
         Heat per entropic coefficient.
     """
@@ -202,7 +200,6 @@ class Unknown:
     lost: Floats
     film: Floats
     own_film: Floats
-    keeps: Floats
     entropy: Floats
 
     @classmethod
@@ -238,7 +235,7 @@ class Unknown:
         warm = z[:, 0 : at.nodes : 2] + KELVIN
         by_share = flux * b.R_u * per_gap
         by_film, own_film = by_share * np.where(left < 1.0, 1.0 - own, 1.0), by_share * left
-        return cls(q, share * flux, by_film, own_film, share * per_gap, -current[:, None] * warm)
+        return cls(q, share * flux, by_film, own_film, -current[:, None] * warm)
 
 
 def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) -> tuple[Floats, Floats]:

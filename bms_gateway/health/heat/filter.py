@@ -249,12 +249,11 @@ class HeatFilter:
         X, moved = coupling(both, at, z, by, heated_both)
         T = both.free(z[:, :N], m.inlet0, m.inlet1) + heated_both + moved
         z1, mean = np.concatenate((T[:, :N], z[:, N:] * self.decay), axis=1), T[:, N:]
-        # what a lost film keeps grows with the gap; at rest, where heat of one cell may have moved the film's share,
-        # this would make a jump of its thermocouple likelier
         self.calm = np.asarray((q < CALM_RATE * b.C).all(axis=1), np.bool_)
-        keeps = np.where(self.calm[:, None], 0.0, by.keeps)
-        Phi = both.Phi + np.matmul(both.casing * keeps[:, None, :], b.mean.Phi - np.matmul(b.M, b.mean.Phi))
-        G = np.concatenate((Phi, X), axis=2)
+        # Linearised about films as identified: if what a lost film keeps grew with the gap here, each new value of the
+        # loss would tell apart a film from an offset of the inlet that no reading tells apart, and the loss of the
+        # films would seem sure and stray (Huang et al., 2008)
+        G = np.concatenate((both.Phi, X), axis=2)
         k = np.arange(at.sensed)
         G[:, N + k, at.bias.start + k] = 1.0
         before, after = z[row, 2 * at.sensors + 1], z1[row, 2 * at.sensors + 1]

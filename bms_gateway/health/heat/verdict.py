@@ -453,7 +453,7 @@ class Verdict:
             new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
         grown = self._grown()
-        own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
+        own = float(each[self.evidence.kinds < Kind.FLOW].max()) > SUSPECT or self.hot
         if "cooling" not in codes:
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
             least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
