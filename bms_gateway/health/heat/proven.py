@@ -60,7 +60,7 @@ def may_be_heat(
         return False
     if kind == Kind.JUMP:
         return slept and heat[1] > -UNTOLD
-    return e.reads(onset) < OLDEST_READ and heat[0]
+    return e.reads(s, onset) < OLDEST_READ and heat[0]
 
 
 def watched(f: HeatFilter, s: int, place: int, used: Bools) -> bool:
