@@ -9,6 +9,7 @@ import numpy as np
 from bms_gateway.health.heat.balances import MOST_LOSS
 from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
 LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -100.0
@@ -39,8 +40,10 @@ FOUND_STEPS = 60
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
 the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
-POOR_LN = 10.0
-"""Such a mean above which a thermocouple that drifts or lags, and films that are lost slowly, are not told."""
+POOR_LN, POOR_K = 10.0, 1.2
+"""Such a mean, or an offset of a thermocouple in use that none of class 1 has and that no jump explains, above which a
+thermocouple that drifts or lags, and films that are lost slowly, are not told: the model lacks more than they would
+show."""
 VAGUE_DOUBT = 2.5
 """Divisor of the evidence of a string with fewer than three sensors, which can be compared with its model only, or
 without a measured coolant inlet."""
@@ -76,6 +79,8 @@ class Course:
         The string has too few sensors to compare one of them with the others.
     few : ndarray of bool (S,)
         The string has too few sensors whose readings are used.
+    unlike : ndarray of bool (S,)
+        A thermocouple in use is further off the others than any is by itself.
     """
 
     constant_inlet: Bools
@@ -91,6 +96,7 @@ class Course:
     ln: Floats
     alone: Bools
     few: Bools
+    unlike: Bools
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -114,6 +120,7 @@ class Course:
             ln,
             f.usual.alone,
             f.usual.alone,
+            no_flag,
         )
 
     @property
@@ -142,7 +149,13 @@ class Course:
     @property
     def poor(self) -> Bools:
         """Which strings (S,) their models describe too badly to tell what comes slowly."""
-        return np.asarray(self.ln > POOR_LN, dtype=np.bool_)
+        return np.asarray((self.ln > POOR_LN) | self.unlike, dtype=np.bool_)
+
+    def compare(self, f: HeatFilter, used: Bools, jumped: Bools) -> None:
+        """Take in which thermocouples (S, m) are used, and which of them have jumped."""
+        off = np.where(used & ~jumped, np.abs(f.z[:, f.at.bias]), 0.0)
+        self.few = used.sum(axis=1) < REFERENCE
+        self.unlike = np.asarray((off > POOR_K).any(axis=1), dtype=np.bool_)
 
     def forget(self, new: Bools) -> None:
         """Begin anew with some of the strings: films and the inlet's offset are what they will be found to be."""

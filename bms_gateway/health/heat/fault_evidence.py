@@ -66,13 +66,13 @@ SIZE = {
 LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
 LIKELY_LN, NEAR_LN = 5.0, 6.0
-"""ln evidence from which on the likeliest onset of a fault is kept, and distance from the likeliest fault's up to which:
-a fault is told from another only if both are tried since when they would have begun."""
+"""ln evidence from which on the likeliest onset of a fault is kept, and distance from the likeliest fault up to which:
+one fault is told from another only if both are tried since when they would have begun."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
 MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
-"""Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats, and
-cells that seem to make so much more heat than the current are cooled less."""
+"""Amplitudes beyond are none: a reading that climbs or falls by more kelvin in an hour is no drift but a cell that
+heats or what a model lacks, and cells that seem to make so much more heat than the current are cooled less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +124,9 @@ class Evidence:
         for j in range(4):
             real[:, a + j * m : a + (j + 1) * m] = at.fitted
         self._real = real[:, None, :]
-        self._least = np.where(np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE)), 0.0, -np.inf)
         self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
+        self._least = np.where(self.kinds == Kind.SLOPE, -self._most, -np.inf)
+        self._least[np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE))] = 0.0
         self.at, self.of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
@@ -150,6 +151,7 @@ class Evidence:
 
     def take(self, x: Linear, *, read: bool = True) -> None:
         """Take in one step of the filter; `read`: of which readings came."""
+        self._dear &= read  # in a sleep, onsets that may begin in it matter as much
         self._begin()
         self._read += read
         at, H = self.at, len(self.kinds)

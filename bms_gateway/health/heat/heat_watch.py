@@ -21,7 +21,6 @@ from bms_gateway.health.heat.reading_times import merged, weights
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -281,7 +280,7 @@ class HeatWatch:
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
         heard = f.running & ~unknown
         aside = np.stack([v.aside for v in self.verdicts])
-        self.course.few = (f.at.fitted & ~aside).sum(axis=1) < REFERENCE
+        self.course.compare(f, f.at.fitted & ~aside, np.stack([v.jumped for v in self.verdicts]))
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         self._used = np.isfinite(use)
         f.film = self.course.film

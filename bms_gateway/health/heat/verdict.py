@@ -123,6 +123,12 @@ class Verdict:
         return any(f.code == "unexplained_heat" for f in self.findings)
 
     @property
+    def jumped(self) -> Bools:
+        """Which thermocouples (m,) have been found to have jumped."""
+        places = [g.place for g in self.findings if g.kind is Kind.JUMP]
+        return np.isin(np.arange(len(self.aside)), places)
+
+    @property
     def leads(self) -> bool:
         """Whether the filter of this watch knows the cores better than the observer, which has not seen the fault."""
         return any(f.code in ("unexplained_heat", "cooling") for f in self.findings)
@@ -460,6 +466,7 @@ class Verdict:
             lost = u - self.course.film[s]
             # a film shows by heat that stays: where the current seems to make none, the film that explains it is none
             own = own or share < MISSING
+            own = own or (not flowed and bool(self.course.poor[s]))
             slower = grown > least and lost > sure * u_sd and not own
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
             less = grown > COOLING and lost > FLOW_SURE * u_sd and not own and bool(self.course.shows_films(f)[s])
