@@ -9,7 +9,7 @@ import numpy as np
 from bms_gateway.engine.forecast_result import LooksAhead
 from bms_gateway.engine.readings import Assigned, Readings
 from bms_gateway.engine.string_estimator import StringEstimator
-from bms_gateway.health.heat.heat_watch import Share, step_of
+from bms_gateway.health.heat.heat_watch import Share
 from bms_gateway.identify import Estimate as Parameter
 from bms_gateway.identify.contract import FIXED_OFFLINE
 from bms_gateway.observe import AdaptiveObserver
@@ -129,7 +129,7 @@ class StringWithEffects:
         observer = EffectObserver(model, dt, disturbance, soc=soc, several=s.plan.of_several)
         numbers = observer.effect_numbers
         s.effects = tuple(Parameter(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
-        share = EffectShare(model, step_of(dt), soc) if model.sensors and not heat_only(model) else None
+        share = EffectShare(model, dt, soc) if model.sensors and not heat_only(model) else None
         return cls(observer, s, number, share)
 
     def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol

@@ -110,12 +110,13 @@ ONE = {"C_c": 42.0, "C_s": 3.0, "R_e": 0.035, "R_c": 2.0, "R_u": 15.0}
 
 
 def alone() -> HeatFilter:
-    return HeatFilter([StringModel(1, (1,), "single", {k: Prior(x) for k, x in ONE.items()})], 10.0)
+    return HeatFilter([StringModel(1, (1,), "single", {k: Prior(x) for k, x in ONE.items()})], 10.0, 1)
 
 
 def measured(y: float, heat: float = 0.0) -> Step:
     one, cell = np.ones(1), np.ones((1, 1))
-    return Step(heat * cell, 0.0 * one, 25.0 * one, 25.0 * one, y * cell, 0.0 * cell, 1e-4 * cell)
+    at_end = np.array([[[0.0, 0.0, 1.0]]])
+    return Step(heat * cell[None], 0.0 * one, 25.0 * one, 25.0 * one, y * cell, 1e-4 * cell, at_end)
 
 
 def test_the_heat_of_a_cell_is_in_watts() -> None:
@@ -291,7 +292,7 @@ def test_the_steps_of_readings_are_learnt_from_a_few_rare_frames(step: float) ->
     sensors, rng = Thermocouples(1, 3), np.random.default_rng(4)
     for _ in range(8):
         y = np.round(rng.uniform(20.0, 40.0, (1, 1, 3)) / step) * step
-        _, _, variance = sensors.take(y, np.zeros((1, 1, 3)), 1.0)
+        _, variance = sensors.take(y)
         sensors.pause()
         assert variance.max() < 1.1  # no bus rounds to more than a kelvin
     np.testing.assert_allclose(sensors.step, step, rtol=1e-6)

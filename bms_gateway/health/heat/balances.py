@@ -1,45 +1,97 @@
 """The string's heat balances over one step of the heat filter, and how they move with what is not known.
 
-Lin et al., Eq 1 and 16–18, sampled; heat at the casings is one more input, by which a change of R_u acts.
+Lin et al., Eq 1 and 16–18, sampled at the ends of the ticks of which a step consists: heat changes from tick to tick,
+and thermocouples are read in between, so neither the mean heat nor the end of the step alone says what they read.
+Heat at the casings is one more input, by which a change of R_u acts.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from bms_gateway.health.heat.layout import Layout
+from bms_gateway.health.heat.layout import Ints, Layout
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.observe.model import usable
 from bms_gateway.thermal import ContinuousString, Floats, StringParameters, continuous, discretize
 from bms_gateway.thermal.string import coolant_path
 
 KELVIN = 273.15
 LEAST_LOSS, MOST_LOSS = -1.5, 0.95
-"""Share of the film's conductance that is lost: it acts on the gap at the start of a step, which is stable so far."""
+"""Share of the film's conductance that is lost."""
+MOST_WHOLE = 0.5
+"""Greatest common loss, of the films' usual conductance, at which a cell's own share counts in full. A common loss is
+known to some tenths only, and an own share that follows a wrong one makes the film of each cell wrong. What is lost
+beyond takes from the own share as well: else a pump that stops leaves cells that differ by more than they do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How some temperatures r follow from the state before a step of S strings of n cells, and from what acts in it.
+
+    Attributes
+    ----------
+    of : ndarray (S, …, r, 4n + 2)
+        Of the 2n temperatures before the step, of even heat, 1 W, in each of the n cores, of the same at each of the n
+        casings, and of the inlet at the start and at the end of the step, between which it is a straight line.
+    """
+
+    of: Floats
+
+    @property
+    def Phi(self) -> Floats:
+        """By the temperatures before the step (S, …, r, 2n)."""
+        return self.of[..., : (self.of.shape[-1] - 2) // 2]
+
+    @property
+    def core(self) -> Floats:
+        """By mean heat in the cores (S, …, r, n), K/W."""
+        n = (self.of.shape[-1] - 2) // 4
+        return self.of[..., 2 * n : 3 * n]
+
+    @property
+    def casing(self) -> Floats:
+        """By mean heat at the casings (S, …, r, n), K/W."""
+        n = (self.of.shape[-1] - 2) // 4
+        return self.of[..., 3 * n : 4 * n]
+
+    @property
+    def inlet(self) -> Floats:
+        """By the inlet at the start and at the end of the step (S, …, r, 2)."""
+        return self.of[..., -2:]
+
+    def free(self, T: Floats, inlet0: Floats, inlet1: Floats) -> Floats:
+        """Temperatures (S, r), °C, without heat: from those before the step (S, 2n) and the inlet (S,)."""
+        inlet = np.stack((inlet0, inlet1), axis=1)[:, :, None]
+        return np.asarray(np.matmul(self.Phi, T[:, :, None])[:, :, 0] + np.matmul(self.inlet, inlet)[:, :, 0])
 
 
 @dataclass(frozen=True, slots=True)
 class Balances:
-    """Discrete balances of S strings of n cells.
+    """Discrete balances of S strings of n cells over a step of L ticks.
 
     Attributes
     ----------
-    Phi : ndarray (S, 2n, 2n)
-    core, casing : ndarray (S, 2n, n), K/W
-        What mean heat in the cores and at the casings does in a step.
-    inlet0, inlet1 : ndarray (S, 2n)
-        The inlet at the start and at the end of a step.
+    end : Response
+        Of the temperatures after the step, r = 2n.
+    mean : Response
+        Of the casings' means over the step, r = n.
+    at : Response
+        Of the casings at the start of the step and after each of its ticks, (S, n, L + 1, 4n + 2).
+    tick, tick_core : ndarray (S, 2n, 2n), (S, 2n, n)
+        Of the temperatures after a tick, by those before it and by the heat in the cores, K/W.
     M, m : ndarray (S, n, n), (S, n)
         Coolant at each cell, M T_s + m T_in.
     R_e, R_u, C : ndarray (S, n)
         Ω, K/W, and heat capacity of a whole cell, J/K.
     """
 
-    Phi: Floats
-    core: Floats
-    casing: Floats
-    inlet0: Floats
-    inlet1: Floats
+    end: Response
+    mean: Response
+    at: Response
+    tick: Floats
+    tick_core: Floats
     M: Floats
     m: Floats
     R_e: Floats
@@ -47,79 +99,174 @@ class Balances:
     C: Floats
 
     @classmethod
-    def of(cls, strings: Sequence[StringParameters], dt: float) -> "Balances":
-        """Discretise; equal strings share the work."""
-        done: dict[bytes, Balances] = {}
+    def of(cls, strings: Sequence[StringParameters], dt: float, ticks: int, sensors: Ints) -> "Balances":
+        """Discretise steps of `dt` seconds, for sensors on the cells (S, m); equal strings share the work."""
+        done: dict[bytes, dict[str, Floats]] = {}
         parts = []
-        for p in map(usable, strings):
-            key = b"".join(np.asarray(x).tobytes() for x in (p.C_c, p.C_s, p.R_e, p.R_c, p.R_u, p.R_cc, p.C_f))
+        for p, cells in zip(map(usable, strings), sensors, strict=True):
+            numbers = p.C_c, p.C_s, p.R_e, p.R_c, p.R_u, p.R_cc, p.C_f, cells
+            key = p.coolant.encode() + b"".join(np.asarray(x).tobytes() for x in numbers)
             if key not in done:
-                done[key] = _balances(p, dt)
+                done[key] = _balances(p, dt, ticks, cells)
             parts.append(done[key])
-        return cls(**{f.name: np.stack([getattr(b, f.name) for b in parts]) for f in fields(cls)})
+        made: dict[str, Any] = {k: np.stack([part[k] for part in parts]) for k in parts[0]}
+        return cls(**made | {k: Response(made[k]) for k in ("end", "mean", "at")})
+
+    def with_string(self, s: int, one: "Balances") -> "Balances":
+        """Return them with those of string `s` in the place of it."""
+        changed: dict[str, Any] = {}
+        for f in fields(self):
+            old, new = getattr(self, f.name), getattr(one, f.name)
+            wrapped = isinstance(old, Response)
+            array = (old.of if wrapped else old).copy()
+            array[s] = (new.of if wrapped else new)[0]
+            changed[f.name] = Response(array) if wrapped else array
+        return Balances(**changed)
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks of a step, L."""
+        return int(self.at.of.shape[2]) - 1
 
     def coolant(self, T_s: Floats, inlet: Floats) -> Floats:
         """Coolant (S, n) at each cell, °C."""
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * inlet[:, None], dtype=np.float64)
 
+    def heated(self, heat: Floats) -> Floats:
+        """Tell what heat of each tick (L, S, n), W, does to the temperatures by its ends (L + 1, S, 2n), K."""
+        T = np.zeros((len(heat) + 1, *self.tick.shape[:2]))
+        if heat.any():
+            of_tick = np.matmul(self.tick_core, heat.transpose(1, 2, 0))
+            for k in range(len(heat)):
+                T[k + 1] = np.matmul(self.tick, T[k, :, :, None])[:, :, 0] + of_tick[:, :, k]
+        return T
 
-def _balances(p: StringParameters, dt: float) -> Balances:
+
+def even(ticks: int) -> Floats:
+    """Weights (L + 1,) of the instants that bound the ticks in a mean over the step: the trapezoidal rule."""
+    w = np.full(ticks + 1, 1.0 / ticks)
+    w[[0, -1]] = 0.5 / ticks
+    return w
+
+
+def _balances(p: StringParameters, dt: float, ticks: int, sensors: Ints) -> dict[str, Floats]:
     """Balances of one string, without the axis of the strings."""
     s, n = continuous(p), p.cells
     B_s = np.zeros((2 * n, n))
     B_s[np.arange(1, 2 * n, 2), np.arange(n)] = 1.0 / p.C_s
-    d = discretize(ContinuousString(s.A, np.hstack((s.B_q, B_s)), s.B_f), dt)
+    d = discretize(ContinuousString(s.A, np.hstack((s.B_q, B_s)), s.B_f), dt / ticks)
+    # state, heat in cores and at casings, inlet at start and end: each of them alone, tick by tick
+    R, always = np.zeros((2, 2 * n, 4 * n + 2))
+    R[:, : 2 * n], always[:, 2 * n : 4 * n] = np.eye(2 * n), d.B_q
+    casings = [R[1::2]]
+    for k in range(ticks):
+        R = d.A @ R + always
+        R[:, -2] += d.B_f0 * (1.0 - k / ticks) + d.B_f1 * (1.0 - (k + 1) / ticks)
+        R[:, -1] += d.B_f0 * (k / ticks) + d.B_f1 * ((k + 1) / ticks)
+        casings.append(R[1::2])
+    at = np.stack(casings, axis=1)  # (n, L + 1, 4n + 2)
     M, m = coolant_path(p)
-    return Balances(
-        Phi=d.A,
-        core=d.B_q[:, :n],
-        casing=d.B_q[:, n:],
-        inlet0=d.B_f0,
-        inlet1=d.B_f1,
-        M=M,
-        m=m,
-        R_e=p.R_e,
-        R_u=p.R_u,
-        C=p.C_c + p.C_s,
-    )
+    return {
+        "end": R,
+        "mean": np.matmul(even(ticks), at),
+        "at": at[sensors],
+        "tick": d.A,
+        "tick_core": d.B_q[:, :n],
+        "M": M,
+        "m": m,
+        "R_e": p.R_e,
+        "R_u": p.R_u,
+        "C": p.C_c + p.C_s,
+    }
 
 
-def coupling(b: Balances, at: Layout, z: Floats, q: Floats, flux: Floats, current: Floats) -> tuple[Floats, Floats]:
-    """How the numbers behind the temperatures act on these in one step.
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """What the numbers behind the temperatures act with in one step of S strings of n cells.
+
+    Attributes
+    ----------
+    heat : ndarray (S, n), W
+        Mean heat by the current.
+    lost : ndarray (S, n), W
+        What the casings keep of the heat that they would give to the coolant, by the numbers in force.
+    film, own_film : ndarray (S, n), W
+        Derivatives of this by the lost share of all films, and by the cell's own.
+    entropy : ndarray (S, n), A K
+        Heat per entropic coefficient.
+    """
+
+    heat: Floats
+    lost: Floats
+    film: Floats
+    own_film: Floats
+    entropy: Floats
+
+    @classmethod
+    def of(cls, b: Balances, at: Layout, z: Floats, q: Floats, gap: Floats, current: Floats, film: Floats) -> "Unknown":
+        """Take them from the numbers.
+
+        Parameters
+        ----------
+        b : Balances
+        at : Layout
+        z : ndarray (S, N)
+        q : ndarray (S, n), W
+            Mean heat by the current.
+        gap : ndarray (S, n), K
+            Casing over coolant, mean of the step, if the films are as identified.
+        current : ndarray (S,), A
+            Its mean; 0 where not known.
+        film : ndarray (S,)
+            Usual loss of all films; NaN before it is known.
+        """
+        own = np.matmul(at.told_of, z[:, at.own_flow, None])[:, :, 0]
+        common = np.clip(z[:, at.flow, None], LEAST_LOSS, MOST_LOSS)
+        # with few sensors, a cell's own share cannot be told from the common one
+        several = at.fitted.sum(axis=1)[:, None] >= REFERENCE
+        usual = np.minimum(film, MOST_LOSS)[:, None]
+        evident = several & np.isfinite(usual)
+        left = np.where(evident, np.minimum(1.0, MOST_WHOLE + (1.0 - common) / (1.0 - usual)), 1.0)
+        share = np.clip(common + own * left, LEAST_LOSS, MOST_LOSS)
+        # what a film keeps widens the gap within the step already
+        k = np.arange(at.cells)
+        per_gap = 1.0 / (b.R_u - share * b.mean.casing[:, k, k])
+        flux = gap * per_gap
+        warm = z[:, 0 : at.nodes : 2] + KELVIN
+        by_share = flux * b.R_u * per_gap
+        by_film, own_film = by_share * np.where(left < 1.0, 1.0 - own, 1.0), by_share * left
+        return cls(q, share * flux, by_film, own_film, -current[:, None] * warm)
+
+
+def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) -> tuple[Floats, Floats]:
+    """How the numbers behind the temperatures act on some temperatures r.
 
     Parameters
     ----------
-    b : Balances
+    r : Response
+        Of these.
     at : Layout
     z : ndarray (S, N)
-    q, flux : ndarray (S, n), W
-        Heat by the current, and heat from casing to coolant with R_u as identified.
-    current : ndarray (S,), A
-        Its mean; 0 where not known.
+    by : Unknown
+    heated : ndarray (S, r), K
+        What the heat by the current does.
 
     Returns
     -------
-    X : ndarray (S, 2n, N − 2n)
-    moved : ndarray (S, 2n), K
+    X : ndarray (S, r, N − 2n)
+    moved : ndarray (S, r), K
         What they do now.
     """
-    S, n = at.strings, at.cells
-    lost = np.clip(z[:, at.flow], LEAST_LOSS, MOST_LOSS)
-    warm = z[:, 0 : 2 * n : 2] + KELVIN
-    X = np.zeros((S, 2 * n, at.states - at.nodes))
     o = at.nodes
-    X[:, :, at.load - o] = np.matmul(b.core, q[:, :, None])[:, :, 0]
-    X[:, :, at.brisk - o] = X[:, :, at.load - o]
-    X[:, :, at.flow - o] = np.matmul(b.casing, flux[:, :, None])[:, :, 0]
-    X[:, :, at.inlet - o] = b.inlet0 + b.inlet1
-    X[:, :, at.entropy - o] = np.matmul(b.core, (-current[:, None] * warm)[:, :, None])[:, :, 0]
-    row = np.arange(S)[:, None]
-    core, casing = b.core.transpose(0, 2, 1)[row, at.told], b.casing.transpose(0, 2, 1)[row, at.told]  # (S, a, 2n)
-    seen = at.seen[:, :, None]
-    core, casing = np.where(seen, core, 0.0), np.where(seen, casing, 0.0)
-    X[:, :, at.heat.start - o : at.heat.stop - o] = core.transpose(0, 2, 1)
-    X[:, :, at.own_load.start - o : at.own_load.stop - o] = (core * q[row, at.told][:, :, None]).transpose(0, 2, 1)
-    X[:, :, at.own_flow.start - o : at.own_flow.stop - o] = (casing * flux[row, at.told][:, :, None]).transpose(0, 2, 1)
-    rest = z[:, o:].copy()
-    rest[:, at.flow - o] = lost
-    return X, np.asarray(np.matmul(X, rest[:, :, None])[:, :, 0], dtype=np.float64)
+    X = np.zeros((*heated.shape, at.states - o))
+    core, casing = r.core, r.casing
+    X[:, :, at.load - o] = X[:, :, at.brisk - o] = heated
+    X[:, :, at.inlet - o] = r.inlet.sum(axis=-1)
+    X[:, :, at.entropy - o] = np.matmul(core, by.entropy[:, :, None])[:, :, 0]
+    cells = at.told_of  # (S, n, a)
+    X[:, :, at.heat.start - o : at.heat.stop - o] = np.matmul(core, cells)
+    X[:, :, at.own_load.start - o : at.own_load.stop - o] = np.matmul(core * by.heat[:, None, :], cells)
+    moved = np.matmul(X, z[:, o:, None])[:, :, 0] + np.matmul(casing, by.lost[:, :, None])[:, :, 0]
+    X[:, :, at.flow - o] = np.matmul(casing, by.film[:, :, None])[:, :, 0]
+    X[:, :, at.own_flow.start - o : at.own_flow.stop - o] = np.matmul(casing * by.own_film[:, None, :], cells)
+    return X, np.asarray(moved, dtype=np.float64)

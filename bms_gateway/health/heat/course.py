@@ -7,13 +7,15 @@ from math import exp
 import numpy as np
 
 from bms_gateway.health.heat.balances import MOST_LOSS
-from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
-LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -6.0
+LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -100.0
 """A jump of the inlet's reading by the first number in one step makes it doubtful for the time of the second. An inlet
-that neither jumps nor stands still is most likely sound; the third number is the ln prior of its fault."""
+that neither jumps nor stands still is taken for sound: coolant that seems warmer than it is read looks like a film that
+cools less. The third number is the ln prior of its fault."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
 """Ratio of the measured heat to that of the current. The current is not credible if the ratio plus so many sd is below
 the first number, and is credible again above the third."""
@@ -28,6 +30,9 @@ alarm."""
 FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
 """Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change, and
 for a loss so large that its speed does not matter."""
+SLOW_S, MUCH = 300.0, 0.8
+"""Time for which a loss that came slowly, as a dirty filter or a weak fan makes it, must have been there; and the
+growth of R_u above which a minute is enough."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
 FOUND_STEPS = 60
@@ -35,6 +40,10 @@ FOUND_STEPS = 60
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
 the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
+POOR_LN, POOR_K = 10.0, 1.2
+"""Such a mean, or an offset of a thermocouple in use that none of class 1 has and that no jump explains, above which a
+thermocouple that drifts or lags, and films that are lost slowly, are not told: the model lacks more than they would
+show."""
 VAGUE_DOUBT = 2.5
 """Divisor of the evidence of a string with fewer than three sensors, which can be compared with its model only, or
 without a measured coolant inlet."""
@@ -70,6 +79,8 @@ class Course:
         The string has too few sensors to compare one of them with the others.
     few : ndarray of bool (S,)
         The string has too few sensors whose readings are used.
+    unlike : ndarray of bool (S,)
+        A thermocouple in use is further off the others than any is by itself.
     """
 
     constant_inlet: Bools
@@ -85,6 +96,7 @@ class Course:
     ln: Floats
     alone: Bools
     few: Bools
+    unlike: Bools
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -108,6 +120,7 @@ class Course:
             ln,
             f.usual.alone,
             f.usual.alone,
+            no_flag,
         )
 
     @property
@@ -124,6 +137,25 @@ class Course:
     def grown(self, f: HeatFilter) -> Floats:
         """Growth of R_u (S,) against what it has been."""
         return (1.0 - self.film) / (1.0 - np.minimum(f.z[:, f.at.flow], MOST_LOSS)) - 1.0
+
+    def shows_films(self, f: HeatFilter) -> Bools:
+        """Tell which strings (S,) show by the heat of the last minutes how well their films cool, and by no effect.
+
+        Effects that are known to a tenth look like films that are a little worse.
+        """
+        driven = self.load.mean(axis=1) > CALM_RATE * f.balances.C.mean(axis=1)
+        return np.asarray(driven & f.plain & ~self.few & ~self.poor, dtype=np.bool_)
+
+    @property
+    def poor(self) -> Bools:
+        """Which strings (S,) their models describe too badly to tell what comes slowly."""
+        return np.asarray((self.ln > POOR_LN) | self.unlike, dtype=np.bool_)
+
+    def compare(self, f: HeatFilter, used: Bools, jumped: Bools) -> None:
+        """Take in which thermocouples (S, m) are used, and which of them have jumped."""
+        off = np.where(used & ~jumped, np.abs(f.z[:, f.at.bias]), 0.0)
+        self.few = used.sum(axis=1) < REFERENCE
+        self.unlike = np.asarray((off > POOR_K).any(axis=1), dtype=np.bool_)
 
     def forget(self, new: Bools) -> None:
         """Begin anew with some of the strings: films and the inlet's offset are what they will be found to be."""

@@ -1,18 +1,74 @@
 """What the effects of a string's model do to its thermocouples: taken off the readings, the watch sees plain cells.
 
-Two observers run free beside each other from the same start with the same inputs, one with the effects and one without;
+Two strings run free beside each other from the same start with the same inputs, one with the effects and one without;
 neither hears a reading. What they would read differs by what the effects do. The watch's balances are those of two
-nodes a cell, so this is the whole difference, but for what a fault itself does to an effect.
+nodes a cell, so this is the whole difference, but for what a fault itself does to an effect. Both run tick by tick,
+because a thermocouple's mean over a step depends on when in the step the current flowed.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from math import nan
 
 import numpy as np
 
-from bms_gateway.observe.effect_observer import EffectObserver
-from bms_gateway.observe.measured import Measured
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.observe.effect_inputs import Inputs
+from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
+from bms_gateway.observe.tangent import drive_of
+from bms_gateway.thermal import Disturbance, Floats, StringModel
+from bms_gateway.thermal.physics import Physics
+from bms_gateway.thermal.system import System
+from bms_gateway.thermal.trajectory import Recursion, readings, reference, simulate
+
+STRAYED_K, STRAYED_FLOW = 3.0, 0.03
+"""The Jacobian is renewed when a temperature, or the logarithm of the flow, is further from where it was taken; the
+result does not depend on it, but the number of sweeps does."""
+NAMES = tuple(f.name for f in fields(Measured))
+
+
+class FreeRun:
+    """A string that hears no reading.
+
+    Parameters
+    ----------
+    model : StringModel
+    level : float, °C
+        All temperatures at the start.
+    """
+
+    def __init__(self, model: StringModel, level: float) -> None:
+        self._physics = Physics(model)
+        self._v = self._physics.numbers()
+        T = np.full(model.cells, level)
+        self._X, self._carry = self._physics.start(T, T, self._v), dict[str, Floats]()
+        self._at, self._flow = self._X, nan
+        self._recursion: Recursion | None = None
+        self._next: tuple[Floats, dict[str, Floats]] = self._X, self._carry
+
+    def read(self, rows: Floats, dt: float) -> Floats:
+        """Tell what thermocouples read (N + 1, n), °C, before and after each of N ticks (N, 9); `go_on` makes it so."""
+        u = drive_of(rows, dt)
+        memory, carry = self._physics.memory(u, self._v, self._carry or None)
+        system = System(self._physics, u, self._v, memory)
+        X, settled = simulate(system, (self._X,), self._near(system), halve=False)
+        if not settled:
+            X, _ = simulate(system, (self._X,), reference(system, self._X))
+        self._next = X[-1], carry
+        return readings(system, X)
+
+    def go_on(self) -> None:
+        """Go on from the end of what was read last."""
+        self._X, self._carry = self._next
+
+    def _near(self, system: System) -> Recursion:
+        """Give the recursion about a point near the state."""
+        flow = float(np.log(np.mean(system.u.flow)))
+        old = self._recursion
+        near = np.abs(self._X - self._at).max() <= STRAYED_K and abs(flow - self._flow) <= STRAYED_FLOW
+        if old is None or not near:
+            self._at, self._flow = self._X, flow
+            self._recursion = old = reference(system, self._X)
+        return old
 
 
 class EffectShare:
@@ -22,17 +78,21 @@ class EffectShare:
     ----------
     model : StringModel
     dt : float, s
-        Step of the watch, over which what drives the string is taken together.
+        Tick.
     soc : float
         State of charge from which counting starts.
     """
 
-    def __init__(self, model: StringModel, dt: float, soc: float) -> None:
+    def __init__(self, model: StringModel, dt: float, soc: float = SOC_UNKNOWN) -> None:
         self._models, self._dt, self._soc = (model, replace(model, effects=())), dt, soc
-        self._nothing = np.full(model.cells, nan)
         self._ticks: list[Measured] = []
-        self._runs: tuple[EffectObserver, ...] = ()
+        self._runs: tuple[FreeRun, ...] = ()
+        self._inputs = self._begin_inputs()
         self._last = np.zeros(model.cells)
+        self._before: Floats | None = None
+
+    def _begin_inputs(self) -> Inputs:
+        return Inputs(self._soc, self._models[0].capacity_Ah, self._dt, Disturbance().correlation)
 
     def add(self, m: Measured) -> None:
         """Take in what drove the string over a tick."""
@@ -40,28 +100,50 @@ class EffectShare:
 
     def pause(self) -> None:
         """Begin anew after a time without frames."""
-        self._ticks, self._runs = [], ()
+        self._ticks, self._runs, self._before = [], (), None
 
     def begin(self, level: float) -> None:
         """Begin with all temperatures at `level`, °C."""
-        self._runs = tuple(EffectObserver(m, self._dt, soc=self._soc) for m in self._models)
-        for run in self._runs:
-            run.step(Measured(0.0, 0.0, 0.0, level), self._nothing, self._nothing)
-        self._last = np.zeros(len(self._nothing))
+        self._runs = tuple(FreeRun(m, level) for m in self._models)
+        self._inputs = self._begin_inputs()
+        self._inputs.begin(level)
+        self._last, self._before = np.zeros_like(self._last), None
 
-    def mean(self) -> Floats:
-        """Let the ticks so far be a step; how much more (n,), K, thermocouples read with the effects, on its mean."""
-        if not self._runs or not self._ticks:
-            self._ticks = []
-            return np.zeros(len(self._nothing))
-        rows = np.array([[m.I, m.I2, m.I_abs, m.inlet, m.flow, m.soc, m.V, m.IV] for m in self._ticks])
-        self._ticks = []
-        there = np.isfinite(rows)
-        means = np.where(there, rows, 0.0).sum(axis=0) / np.where(there.any(axis=0), there.sum(axis=0), nan)
-        means[3] = rows[-1, 3]  # the inlet is that of the step's end
-        step = Measured(*means.tolist())
+    def course(self, ticks: int) -> Floats:
+        """Let the ticks so far be a step; how much more (2 ticks + 1, n), K, thermocouples read with the effects.
+
+        At the ends of so many even parts of the step before, from its start on, and of this one.
+        """
+        before, now = self._before, self._now(ticks)
+        if before is None:
+            before = np.tile(now[0], (ticks + 1, 1))
+        self._before = now if self._runs else None
+        return np.concatenate((before[:-1], now))
+
+    def _now(self, ticks: int) -> Floats:
+        heard, self._ticks = self._ticks, []
+        if not self._runs or not heard:
+            return np.tile(self._last * bool(self._runs), (ticks + 1, 1))
+        rows = np.stack([self._inputs.take(m) for m in _completed(heard)])
+        with_effects, without = (run.read(rows, self._dt) for run in self._runs)
+        more = with_effects - without
+        if not np.isfinite(more).all():  # an effect that cannot tell without what is missing
+            return np.tile(self._last, (ticks + 1, 1))
         for run in self._runs:
-            run.step(step, self._nothing, self._nothing)
-        with_effects, without = (run.read for run in self._runs)
-        before, self._last = self._last, with_effects - without
-        return (before + self._last) / 2.0
+            run.go_on()
+        self._last = more[-1]
+        where = np.linspace(0.0, len(heard), ticks + 1)
+        k = np.minimum(where.astype(np.int64), len(heard) - 1)
+        share = (where - k)[:, None]
+        return np.asarray((1.0 - share) * more[k] + share * more[k + 1], dtype=np.float64)
+
+
+def _completed(ticks: Sequence[Measured]) -> list[Measured]:
+    """Ticks (one or more) of a step in which what is unknown, but for the inlet, is the mean of the others'."""
+    table = np.array([[getattr(m, k) for k in NAMES] for m in ticks], dtype=np.float64)
+    there = np.isfinite(table)
+    if there.all():
+        return list(ticks)
+    means = np.where(there, table, 0.0).sum(axis=0) / np.where(there.any(axis=0), there.sum(axis=0), nan)
+    means[NAMES.index("inlet")] = nan
+    return [Measured(*row) for row in np.where(there, table, means).tolist()]

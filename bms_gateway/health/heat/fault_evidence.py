@@ -4,7 +4,7 @@ A fault of amplitude f that began at θ moves the true numbers away from the fil
 filter's own loop, and it moves the surprises by g f (Willsky and Jones, 1976):
 
 .. math::
-    s^- = F s, \quad g = H s^- + d, \quad s = s^- - K g,
+    s^- = F s, \quad g = H s + d, \quad s = s^- - K g,
 
 with s = e_j at θ for a fault that is a jump of the j-th number, and d what a fault of a thermocouple adds to its
 reading. Of the surprises ν with covariance S then
@@ -28,7 +28,7 @@ from enum import IntEnum
 import numpy as np
 
 from bms_gateway.health.heat.filter import HeatFilter, Linear
-from bms_gateway.health.heat.layout import COMMON
+from bms_gateway.health.heat.layout import COMMON, Ints
 from bms_gateway.thermal import Floats
 
 ONSETS = 10
@@ -65,11 +65,14 @@ SIZE = {
 """Prior sd of the amplitudes."""
 LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
+LIKELY_LN, NEAR_LN = 5.0, 6.0
+"""ln evidence from which on the likeliest onset of a fault is kept, and distance from the likeliest fault up to which:
+one fault is told from another only if both are tried since when they would have begun."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
 MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
-"""Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats, and
-cells that seem to make so much more heat than the current are cooled less."""
+"""Amplitudes beyond are none: a reading that climbs or falls by more kelvin in an hour is no drift but a cell that
+heats or what a model lacks, and cells that seem to make so much more heat than the current are cooled less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,17 +124,19 @@ class Evidence:
         for j in range(4):
             real[:, a + j * m : a + (j + 1) * m] = at.fitted
         self._real = real[:, None, :]
-        self._least = np.where(np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE)), 0.0, -np.inf)
         self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
+        self._least = np.where(self.kinds == Kind.SLOPE, -self._most, -np.inf)
+        self._least[np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE))] = 0.0
         self.at, self.of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
         self._before = np.zeros((S, ONSETS, COMMON))
         self._late = np.full((S, m, ONSETS), np.nan)
-        self._slots: list[int] = []  # in the order of their age, the oldest first
-        self._birth: list[float] = []
-        self._read_before: list[int] = []
+        self._tried = 0  # onsets so far, at most as many as there are places
+        self._birth = np.zeros((S, ONSETS))  # s
+        self._read_before = np.zeros((S, ONSETS), np.int64)
+        self._dear = np.zeros((S, ONSETS), np.bool_)
         self._read = 0  # steps with readings
         self.now = 0.0  # s of the filter's steps
         for s in range(S):
@@ -146,24 +151,25 @@ class Evidence:
 
     def take(self, x: Linear, *, read: bool = True) -> None:
         """Take in one step of the filter; `read`: of which readings came."""
+        self._dear &= read  # in a sleep, onsets that may begin in it matter as much
         self._begin()
         self._read += read
         at, H = self.at, len(self.kinds)
         N, m, a = at.nodes, at.sensed, at.near
         flat = self._s.reshape(at.strings, at.states, ONSETS * H)
-        top = np.matmul(x.G, flat)
+        moved = np.matmul(x.G, flat)
+        g = moved[:, N:].reshape(at.strings, m, ONSETS, H)
         decay = self.of.decay
-        s = np.concatenate((top, flat[:, N:] * decay[:, None]), axis=1)
+        s = np.concatenate((moved[:, :N], flat[:, N:] * decay[:, None]), axis=1)
         if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
             lasting = s.reshape(at.strings, at.states, ONSETS, H)
             j = np.arange(a)
             lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
         self.now += self.of.dt
-        g = np.matmul(self.of.H, s).reshape(at.strings, m, ONSETS, H)
         k = np.arange(m)
         hours = (self.now - self._born) / 3600.0
         g[:, k, :, a + m + k] += hours
-        g[:, k, :, a + 2 * m + k] += (x.coolant - x.surface).T[:, :, None]
+        g[:, k, :, a + 2 * m + k] += (x.coolant - x.mean).T[:, :, None]
         g[:, k, :, a + 3 * m + k] += self._lagging(x).transpose(1, 0, 2)
         g = g.reshape(at.strings, m, ONSETS * H)
         V = np.matmul(x.S_inv, g)
@@ -174,33 +180,33 @@ class Evidence:
         self._s = s.reshape(self._s.shape)
 
     def _lagging(self, x: Linear) -> Floats:
-        """Tell what readings (S, m, onsets) that follow late since the onset are off, K."""
+        """Tell what readings (S, m, onsets) that follow late since the onset are off in the mean of a step, K."""
         before = (x.surface - x.rate * self.of.dt)[:, :, None]
         late = np.where(np.isnan(self._late), before, self._late)
-        late += (x.surface[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
-        self._late = late
-        return late - x.surface[:, :, None]
+        self._late = late + (x.mean[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
+        return np.asarray((late + self._late) / 2.0 - x.mean[:, :, None], dtype=np.float64)
 
     def _begin(self) -> None:
-        """Let one more onset begin now, in the place of the one that is missed least."""
-        if len(self._slots) < ONSETS:
-            slot = len(self._slots)
-        else:
-            ages = [self.now - b + self.of.dt for b in self._birth]
-            if ages[0] > OLDEST and self._read - self._read_before[0] >= OLDEST_READ:
-                i = 0
-            else:
-                i = min(range(1, ONSETS - 1), key=lambda i: ages[i - 1] / ages[i + 1])
-            slot = self._slots.pop(i)
-            self._birth.pop(i)
-            self._read_before.pop(i)
-        self._slots.append(slot)
-        self._birth.append(self.now)
-        self._read_before.append(self._read)
-        self._s[:, :, slot] = self._first
-        self._C[:, slot], self._D[:, slot] = 0.0, 0.0
-        self._born[:, slot], self._before[:, slot] = self.now, self.of.before
-        self._late[:, :, slot] = np.nan
+        """Let one more onset begin now, in each string in the place of the one that is missed least."""
+        row = np.arange(self.at.strings)
+        slot = self._spare() if self._tried == ONSETS else np.full_like(row, self._tried)
+        self._tried = min(self._tried + 1, ONSETS)
+        self._birth[row, slot], self._read_before[row, slot] = self.now, self._read
+        self._s[row, :, slot] = self._first
+        self._C[row, slot], self._D[row, slot] = 0.0, 0.0
+        self._born[row, slot], self._before[row, slot] = self.now, self.of.before
+        self._late[row, :, slot] = np.nan
+
+    def _spare(self) -> Ints:
+        """Places (S,) of the onsets that are missed least: ages stay in even ratios, and what is likeliest stays."""
+        row, order = np.arange(self.at.strings), np.argsort(self._birth, axis=1)
+        ages = self.now + self.of.dt - np.take_along_axis(self._birth, order, axis=1)
+        ratios = ages[:, :-2] / ages[:, 2:]
+        dear = np.take_along_axis(self._dear, order, axis=1)[:, 1:-1]
+        ratios = ratios + np.where(dear & ~dear.all(axis=1, keepdims=True), 1e3, 0.0)
+        read = self._read - self._read_before[row, order[:, 0]]
+        old = (ages[:, 0] > OLDEST) & (read >= OLDEST_READ)
+        return np.asarray(order[row, np.where(old, 0, ratios.argmin(axis=1) + 1)], np.int64)
 
     def weigh(self) -> Weighed:
         """Weigh all faults."""
@@ -210,6 +216,9 @@ class Evidence:
         young = (self.now - self._born)[:, :, None] < SLOPE_S
         ln = np.where(young & (self.kinds == Kind.SLOPE), -np.inf, ln)
         ln = np.where(self._real & (amplitude > self._least) & (amplitude < self._most), ln, -np.inf)
+        best = ln.max(axis=1, keepdims=True)
+        likely = best > np.maximum(best.max(axis=2, keepdims=True) - NEAR_LN, LIKELY_LN)
+        self._dear = np.asarray(((ln == best) & likely).any(axis=2), np.bool_)
         return Weighed(ln, amplitude, 1.0 / prec)
 
     def moved(self, s: int, onset: int, fault: int) -> Floats:
@@ -224,13 +233,13 @@ class Evidence:
         """Tell how many seconds ago each onset (onsets,) of string `s` was."""
         return np.asarray(self.now - self._born[s], dtype=np.float64)
 
-    def reads(self, onset: int) -> int:
-        """Tell in how many steps with readings an onset has been tried."""
-        return self._read - self._read_before[self._slots.index(onset)]
+    def reads(self, s: int, onset: int) -> int:
+        """Tell in how many steps with readings an onset of string `s` has been tried."""
+        return self._read - int(self._read_before[s, onset])
 
     def resolution(self, age_s: float) -> Floats:
         """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""
         a = self.at.near
-        ages = np.array([abs(self.now - b - age_s) for b in self._birth])
-        slot = self._slots[int(ages.argmin())] if len(ages) else 0
-        return np.asarray(1.0 / np.sqrt(self._C[:, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)
+        tried = np.s_[:, : max(1, self._tried)]
+        row, slot = np.arange(self.at.strings), np.abs(self.now - self._birth[tried] - age_s).argmin(axis=1)
+        return np.asarray(1.0 / np.sqrt(self._C[row, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)

@@ -8,12 +8,12 @@ The string is that of Lin et al., Eq 18; the states besides the temperatures are
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Balances, coupling
-from bms_gateway.health.heat.layout import COMMON, Bools, Layout
+from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Balances, Response, Unknown, coupling, even
+from bms_gateway.health.heat.layout import COMMON, Bools, Ints, Layout
 from bms_gateway.health.heat.usual import HOUR_S, INLET_S, Usual
 from bms_gateway.thermal import Floats, Start, StringModel, StringParameters, start_spread
 
@@ -26,8 +26,10 @@ STOPPED, CALM_RATE = 0.7, 1e-3
 """Share of the films' conductance that is lost when a fan or pump stops; and heat of the current, K/s of a cell's heat
 capacity, below which a string counts as without load. Without load, the reading of the only thermocouple of a string is
 not explained by a greater loss, because less cooling alone makes no surface rise."""
+STILL_K = 2.0
+"""K: gap between casings and coolant of a string at rest, below which its films are not found."""
 MOST_OWN = 0.5
-"""Greatest share by which the film of a single cell differs: beyond it, a step of the grid would not be stable."""
+"""Greatest share by which the film of a single cell differs."""
 OPEN_RATE, OPEN_S = 1e-2, 1200.0
 """Rate, K/s of the heat capacity, and time constant of the heat of a cell in which heat has been found."""
 ROUGH_RATE, ROUGH_SHARE = 2e-4, 0.03
@@ -37,22 +39,28 @@ READING_SD, CASING_SD = 0.05, 0.03
 """K: least noise of a reading; error of the mean of a step that more readings do not reduce (lag, position)."""
 DEAF = 1e8
 """K²: variance of a missing reading."""
+FALL, MOST_FALL = 0.01, 1.0
+"""Share by which R_e falls per kelvin of the core's warming since R_e was told, and greatest change of its ln. Cells
+lose 1 to 3 %; twice as much as this makes cores too cold by 1 to 2.5 K where a cell loses nothing. The covariance does
+not know of it: a core that is unsure is not surer by it. Where the model has effects, they say how R_e falls."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Measurements of one step of the grid, for S strings of n cells with m sensors.
+    """Measurements of one step of the grid, for S strings of n cells with m sensors; a step has L ticks.
 
     Attributes
     ----------
-    heat : ndarray (S, n), W
-        Mean heat by the current, or by the voltage.
+    heat : ndarray (L, S, n), W
+        Mean heat of each tick by the current, or by the voltage.
     current : ndarray (S,), A
         Mean; 0 where unknown.
     inlet0, inlet1 : ndarray (S,), °C
         Coolant at the inlet at the start and at the end.
-    y, age, R : ndarray (S, m), °C, s, K²
-        Mean of the readings, mean time from a reading to the end of the step, and variance; NaN without a reading.
+    y, R : ndarray (S, m), °C, K²
+        Mean of the readings, and its variance; NaN without a reading.
+    when : ndarray (S, m, 2 L + 1)
+        Weights of the ends of the ticks, from the start of the step before on, in that mean; their sum is 1.
     """
 
     heat: Floats
@@ -60,8 +68,8 @@ class Step:
     inlet0: Floats
     inlet1: Floats
     y: Floats
-    age: Floats
     R: Floats
+    when: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +78,16 @@ class Linear:
 
     Attributes
     ----------
-    G : ndarray (S, 2n, N)
-        Derivatives of the temperatures after the step by all states before it.
+    G : ndarray (S, 2n + m, N)
+        Derivatives of the temperatures after the step, then of the readings, by all states before it.
     K : ndarray (S, N, m)
     S_inv : ndarray (S, m, m), 1/K²
     nu : ndarray (S, m), K
         Reading less prediction; 0 where nothing was read.
     coolant, surface, rate : ndarray (S, m), °C, °C, K/s
         At the sensors, after the step.
+    mean : ndarray (S, m), °C
+        Surfaces at the sensors in the mean over the readings; like `surface`, before the readings were used.
     """
 
     G: Floats
@@ -87,6 +97,7 @@ class Linear:
     coolant: Floats
     surface: Floats
     rate: Floats
+    mean: Floats
 
 
 class HeatFilter:
@@ -98,6 +109,8 @@ class HeatFilter:
         Of equal length, each with a sensor at least.
     dt : float, s
         Step.
+    ticks : int
+        Number of ticks of a step.
 
     Attributes
     ----------
@@ -113,15 +126,20 @@ class HeatFilter:
         The current made no heat in the last step.
     before : ndarray (S, 5)
         States that are common to all cells, before the last step.
+    plain : ndarray of bool (S,)
+        The model has no effects.
+    told_at : ndarray (S, n), °C
+        Cores when R_e was told; NaN before a string ran.
+    film : ndarray (S,)
+        Usual loss of the films' conductance, as a share; NaN before it is known.
     """
 
-    def __init__(self, models: Sequence[StringModel], dt: float) -> None:
-        self.at, self.dt = Layout.of(models), dt
+    def __init__(self, models: Sequence[StringModel], dt: float, ticks: int) -> None:
+        self.at, self.dt, self._ticks = Layout.of(models), dt, ticks
         at, S = self.at, len(models)
         self._strings = [m.nominal for m in models]
-        self.balances = Balances.of(self._strings, dt)
+        self.balances = Balances.of(self._strings, dt, ticks, at.sensors)
         self._strides: dict[float, Balances] = {}
-        self.H = at.readings()
         self.usual = Usual.of(models, at, self.balances.C[np.arange(S)[:, None], at.told])
         self.decay: Floats = np.exp(-dt / self.usual.lasts_s)
         self.flows = np.ones(S)
@@ -131,6 +149,10 @@ class HeatFilter:
         self.open: Bools = np.zeros((S, at.near), np.bool_)
         self._open_sd = np.zeros((S, at.near))
         self.running: Bools = np.zeros(S, np.bool_)
+        self._past: Floats = np.zeros((S, at.sensed, ticks))  # K: casings in the step before, over those at its end
+        self.plain: Bools = np.array([not m.effects for m in models], np.bool_)
+        self.told_at: Floats = np.full((S, at.cells), np.nan)
+        self.film: Floats = np.full(S, np.nan)
         self.before: Floats = np.zeros((S, COMMON))
         self.calm: Bools = np.zeros(S, np.bool_)
         for s in range(S):
@@ -151,16 +173,18 @@ class HeatFilter:
         self.z[s, T] = level
         self.P[s, T, :], self.P[s, :, T] = 0.0, 0.0
         self.P[s, T, T] = self._start
+        self._past[s] = 0.0
+        self.told_at[s] = np.where(np.isnan(self.told_at[s]), level, self.told_at[s])
         self.running[s] = True
 
     def stride(self, dt: float) -> None:
         """Make steps of `dt` seconds from now on."""
         if dt == self.dt:
             return
-        self._strides[self.dt] = self.balances
+        self._strides[self.dt], self._past[:] = self.balances, 0.0
         if dt not in self._strides:
             flows = zip(self._strings, self.flows.tolist(), strict=True)
-            self._strides[dt] = Balances.of([p.with_flow_ratio(ratio) for p, ratio in flows], dt)
+            self._strides[dt] = self._balances([p.with_flow_ratio(ratio) for p, ratio in flows], dt, self.at.sensors)
         self.dt, self.balances, self.decay = dt, self._strides[dt], np.exp(-dt / self.usual.lasts_s)
 
     def made(self) -> tuple[Floats, Floats]:
@@ -175,6 +199,9 @@ class HeatFilter:
     def set_parameters(self, s: int, p: StringParameters) -> None:
         """Use other numbers for string `s`; the states that describe departures from the old numbers are converted."""
         old, at = self._strings[s], self.at
+        if self.running[s] and (p.R_e != old.R_e).any():
+            self.z[s, at.load] = (1.0 + self.z[s, at.load]) * float(np.mean(self.falls[s])) - 1.0
+            self.told_at[s] = self.z[s, 0 : at.nodes : 2]
         self.z[s, at.load] = (1.0 + self.z[s, at.load]) * float(np.exp(np.mean(np.log(old.R_e / p.R_e)))) - 1.0
         self.z[s, at.flow] = 1.0 - (1.0 - self.z[s, at.flow]) * float(np.exp(np.mean(np.log(p.R_u / old.R_u))))
         self._exchange(s, p.with_flow_ratio(float(self.flows[s])))
@@ -185,71 +212,95 @@ class HeatFilter:
         self._exchange(s, self._strings[s].with_flow_ratio(ratio))
         self.flows[s] = ratio
 
+    def _balances(self, strings: Sequence[StringParameters], dt: float, sensors: Ints) -> Balances:
+        return Balances.of(strings, dt, self._ticks, sensors)
+
     def _exchange(self, s: int, p: StringParameters) -> None:
-        one, b = Balances.of([p], self.dt), self.balances
-        names = Balances.__slots__
-        arrays = {k: getattr(b, k).copy() for k in names}
-        for k in names:
-            arrays[k][s] = getattr(one, k)[0]
-        self.balances = replace(b, **arrays)
+        one = self._balances([p], self.dt, self.at.sensors[s : s + 1])
+        self.balances = self.balances.with_string(s, one)
         self._strides.clear()
+
+    @property
+    def falls(self) -> Floats:
+        """R_e of each cell (S, n) over that which was told: it falls as the core warms."""
+        warmed = np.nan_to_num(self.z[:, 0 : self.at.nodes : 2] - self.told_at)
+        ln = np.clip(-FALL * warmed, -MOST_FALL, MOST_FALL)
+        return np.asarray(np.exp(np.where(self.plain[:, None], ln, 0.0)), dtype=np.float64)
 
     def step(self, m: Step) -> Linear:
         """Advance one step and use its readings."""
         at, b, z = self.at, self.balances, self.z
         N = at.nodes
         self.before = z[:, at.common].copy()
-        T_s = z[:, 1:N:2]
         # a mean of the inlet's offset: at first a loss of cooling appears as such an offset, and the newest offset
         # would reduce the flux by which the loss of cooling shows
         self._usual_inlet += (z[:, at.inlet] - self._usual_inlet) * (self.dt / INLET_S)
-        flux = (T_s - b.coolant(T_s, m.inlet0 + self._usual_inlet)) / b.R_u
-        X, moved = coupling(b, at, z, m.heat, flux, m.current)
-        z1 = np.empty_like(z)
-        z1[:, N:] = z[:, N:] * self.decay
-        z1[:, :N] = np.matmul(b.Phi, z[:, :N, None])[:, :, 0] + np.matmul(b.core, m.heat[:, :, None])[:, :, 0] + moved
-        z1[:, :N] += b.inlet0 * m.inlet0[:, None] + b.inlet1 * m.inlet1[:, None]
-        G = np.concatenate((b.Phi, X), axis=2)
-        P = self._spread(G, m.heat)
+        heated, q = b.heated(m.heat), m.heat.mean(axis=0)
         row = np.arange(at.strings)[:, None]
-        before, after = z[row, 2 * at.sensors + 1], z1[row, 2 * at.sensors + 1]
-        rate = (after - before) / self.dt
-        there = np.isfinite(m.y) & at.fitted
-        nu = np.where(there, m.y - (after - m.age * rate) - z1[:, at.bias], 0.0)
-        PHt = np.matmul(P, self.H.transpose(0, 2, 1))
-        S = np.matmul(self.H, PHt)
+        # what was read before the step was read at its start, but for how the casings have moved since
+        when = m.when[:, :, b.ticks :].copy()
+        when[:, :, 0] += m.when[:, :, : b.ticks].sum(axis=2)
+        both = Response(np.concatenate((b.end.of, np.matmul(when[:, :, None, :], b.at.of)[:, :, 0]), axis=1))
+        heated_at = heated[:, row, 2 * at.sensors + 1].transpose(1, 2, 0)
+        heated_both = np.concatenate((heated[-1], (heated_at * when).sum(axis=2)), axis=1)
+        casings = b.mean.free(z[:, :N], m.inlet0, m.inlet1) + np.tensordot(even(b.ticks), heated[:, :, 1::2], 1)
+        gap = casings - b.coolant(casings, (m.inlet0 + m.inlet1) / 2.0 + self._usual_inlet)
+        by = Unknown.of(b, at, z, q, gap, m.current, self.film)
+        X, moved = coupling(both, at, z, by, heated_both)
+        T = both.free(z[:, :N], m.inlet0, m.inlet1) + heated_both + moved
+        z1, mean = np.concatenate((T[:, :N], z[:, N:] * self.decay), axis=1), T[:, N:]
+        self.calm = np.asarray((q < CALM_RATE * b.C).all(axis=1), np.bool_)
+        # Linearised about films as identified: if what a lost film keeps grew with the gap here, each new value of the
+        # loss would tell apart a film from an offset of the inlet that no reading tells apart, and the loss of the
+        # films would seem sure and stray (Huang et al., 2008)
+        G = np.concatenate((both.Phi, X), axis=2)
         k = np.arange(at.sensed)
+        G[:, N + k, at.bias.start + k] = 1.0
+        before, after = z[row, 2 * at.sensors + 1], z1[row, 2 * at.sensors + 1]
+        there = np.isfinite(m.y) & at.fitted
+        earlier = (m.when[:, :, : b.ticks] * self._past).sum(axis=2)
+        nu = np.where(there, m.y - mean - earlier - z[:, at.bias], 0.0)
+        inputs = np.concatenate((z[:, :N], np.zeros_like(z[:, :N]), m.inlet0[:, None], m.inlet1[:, None]), axis=1)
+        path = np.matmul(b.at.of, inputs[:, None, :, None])[:, :, :, 0] + heated_at
+        self._past = path[:, :, :-1] - path[:, :, -1:]
+        P, PHt, S = self._spread(G, both.core, q)
         S[:, k, k] += np.where(there, m.R, DEAF)
-        S_inv = np.linalg.inv(S)
+        S_inv = np.asarray(np.linalg.inv(S), dtype=np.float64)
         K = np.matmul(PHt, S_inv)
         # one or two thermocouples cannot separate a cell's heat from common changes: these are held meanwhile
         held = np.flatnonzero(self.usual.alone & self.open.any(axis=1))
         K[held, at.common] = 0.0
+        # without current and without a gap, a film says nothing, and would only make room for the heat of one cell
+        still = np.flatnonzero(self.calm & (np.abs(gap) < STILL_K).all(axis=1))
+        K[still, at.flow] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
-        self.calm = np.asarray((m.heat < CALM_RATE * b.C).all(axis=1), np.bool_)
         most = np.where(self.usual.alone & self.calm, STOPPED, MOST_LOSS)
         self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, most)
         self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
         less = np.matmul(K, PHt.transpose(0, 2, 1))
         # the variance of what is held stays, as in a Schmidt-Kalman filter
         less[held, at.common] = less[held, :, at.common].transpose(0, 2, 1)
+        less[still, at.flow] = less[still, :, at.flow]
         P -= less
         self.P = (P + P.transpose(0, 2, 1)) / 2.0
         coolant = b.coolant(z1[:, 1:N:2], m.inlet1 + z1[:, at.inlet])[row, at.sensors]
-        return Linear(G, K, S_inv, nu, coolant, after, rate)
+        rate = np.asarray((after - before) / self.dt, dtype=np.float64)
+        return Linear(G, K, S_inv, nu, coolant, after, rate, mean + earlier)
 
-    def _spread(self, G: Floats, heat: Floats) -> Floats:
-        """Covariance after a step, before its readings are used."""
+    def _spread(self, G: Floats, core: Floats, heat: Floats) -> tuple[Floats, Floats, Floats]:
+        """Covariances after a step, before its readings are used: of the states, with the readings, of the readings.
+
+        Rough heat in the step's cores moves its end and its readings alike, by `core` (S, 2n + m, n).
+        """
         at, N, P, decay = self.at, self.at.nodes, self.P, self.decay
-        out = np.empty_like(P)
-        GP = np.matmul(G, P)
         rough = (np.square(ROUGH_RATE * self.balances.C) + np.square(ROUGH_SHARE * heat)) * (ROUGH_S / self.dt)
-        core = self.balances.core
-        out[:, :N, :N] = np.matmul(GP, G.transpose(0, 2, 1)) + np.matmul(
-            core * rough[:, None, :], core.transpose(0, 2, 1)
-        )
-        out[:, :N, N:] = GP[:, :, N:] * decay
-        out[:, N:, :N] = out[:, :N, N:].transpose(0, 2, 1)
+        GP = np.matmul(G, P)
+        moved = np.matmul(GP, G.transpose(0, 2, 1)) + np.matmul(core * rough[:, None, :], core.transpose(0, 2, 1))
+        beside = GP[:, :, N:] * decay
+        out, with_read = np.empty_like(P), np.empty((at.strings, at.states, at.sensed))
+        out[:, :N, :N], with_read[:, :N] = moved[:, :N, :N], moved[:, :N, N:]
+        out[:, :N, N:] = beside[:, :N]
+        out[:, N:, :N], with_read[:, N:] = beside[:, :N].transpose(0, 2, 1), beside[:, N:].transpose(0, 2, 1)
         out[:, N:, N:] = P[:, N:, N:] * (decay[:, None] * decay)
         k = np.arange(N, at.states)
         out[:, k, k] += np.square(self.usual.sd[:, N:]) * (1.0 - np.square(decay))
@@ -258,7 +309,7 @@ class HeatFilter:
         if self.open.any():
             h = np.arange(at.heat.start, at.heat.stop)
             out[:, h, h] += np.where(self.open, np.square(self._open_sd) * (2.0 * self.dt / OPEN_S), 0.0)
-        return out
+        return out, with_read, moved[:, N:, N:]
 
     def move(self, s: int, along: Floats, amplitude: float, var: float) -> None:
         """Shift the states of string `s` along a direction (N,) by `amplitude`, which has the variance `var`."""

@@ -17,10 +17,10 @@ from bms_gateway.health.heat.fault_evidence import LATE_S, Evidence, Kind, Weigh
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.reading_times import merged, weights
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -77,8 +77,11 @@ class Share(Protocol):
         """Begin anew after a time without frames."""
         ...
 
-    def mean(self) -> Floats:
-        """How much more (n,), K, thermocouples read with the effects, on the mean of the step that ends now."""
+    def course(self, ticks: int) -> Floats:
+        """How much more (2 ticks + 1, n), K, thermocouples read with the effects: at the ends of the ticks.
+
+        The step that ends now consists of so many ticks; those of the step before come first.
+        """
         ...
 
 
@@ -132,7 +135,8 @@ class HeatWatch:
     ) -> None:
         self._tick_s, self._shares = dt, shares
         self._ticks = round(step_of(dt) / dt)
-        self.filter = HeatFilter(models, self._ticks * dt)
+        self._merged = merged(self._ticks)
+        self.filter = HeatFilter(models, self._ticks * dt, len(self._merged))
         self.evidence = Evidence(self.filter)
         S, m = len(models), self.filter.at.sensed
         fixed = tuple(constant_inlet) or (False,) * S
@@ -224,26 +228,27 @@ class HeatWatch:
         return np.asarray((REST_RATE * b.C / b.R_e).min(axis=1), dtype=np.float64)
 
     def _heats(self) -> tuple[Floats, Floats, Any]:
-        """Mean heat (S, n), W, and current (S,), A, of the step; which strings (S,) had ticks without either."""
+        """Heat of the ticks (L, S, n), W, and mean current (S,), A; which strings (S,) had ticks without either."""
         square = np.stack([t.square for t in self._ticked])
-        heat = square[:, :, None] * self.filter.balances.R_e
+        heat = square[:, :, None] * (self.filter.balances.R_e * self.filter.falls)
         if any(t.heat is not None for t in self._ticked):
             given = np.stack([np.full(heat.shape[1:], np.nan) if t.heat is None else t.heat for t in self._ticked])
             heat = np.where(np.isnan(given), heat, given)
         known = np.isfinite(heat)
         current = np.stack([t.current for t in self._ticked])
-        mean = np.where(known, heat, 0.0).mean(axis=0)
-        return mean, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
+        heat = np.tensordot(self._merged, np.where(known, heat, 0.0), 1)
+        return heat, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
 
     def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
         f, self._now_ns = self.filter, now_ns
         sensors = np.s_[:, self._row, f.at.sensors]
         read = np.stack([t.y for t in self._ticked])[sensors]
         ages = np.stack([t.age for t in self._ticked])[sensors]
-        (y, lag, R), (heat, current, unknown) = self._sensors.take(read, ages, self._tick_s), self._heats()
+        (y, R), (heat, current, unknown) = self._sensors.take(read), self._heats()
+        when = weights(read, ages, self._tick_s, len(self._merged))
         self._clear()
         for place, share in enumerate(self._shares):
-            y[place] -= share.mean()[f.at.sensors[place]]
+            y[place] -= (when[place] * share.course(len(self._merged)).T[f.at.sensors[place]]).sum(axis=1)
         inlet1 = np.where(np.isfinite(inlet), inlet, self._inlet)
         usable: Bools = np.asarray(np.isfinite(y).any(axis=1), np.bool_)
         if self._rest.slept_s and usable.any():
@@ -275,19 +280,20 @@ class HeatWatch:
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
         heard = f.running & ~unknown
         aside = np.stack([v.aside for v in self.verdicts])
-        self.course.few = (f.at.fitted & ~aside).sum(axis=1) < REFERENCE
+        self.course.compare(f, f.at.fitted & ~aside, np.stack([v.jumped for v in self.verdicts]))
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         self._used = np.isfinite(use)
-        x = f.step(Step(heat, current, inlet0, inlet1, use, lag, R))
+        f.film = self.course.film
+        x = f.step(Step(heat, current, inlet0, inlet1, use, R, when))
         self._gaps = x.surface - x.coolant
         self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
         self._mend()
         if aside.any():
-            self._beside(x, y, lag, R)
+            self._beside(x, y, R)
         self.evidence.take(x, read=bool(usable.any()))
         self._age += f.dt
         w = self.evidence.weigh()
-        found = self._look(w, heat, inlet1, heard, usable, now_ns)
+        found = self._look(w, heat.mean(axis=0), inlet1, heard, usable, now_ns)
         self.told = self._tell(w)
         return found
 
@@ -298,10 +304,12 @@ class HeatWatch:
         before, after = np.nan_to_num(before, nan=25.0), np.nan_to_num(after, nan=25.0)
         S, nothing = at.strings, np.full((at.strings, at.sensed), np.nan)
         zero, whole, passed = np.zeros(S), min(rest.slept_s, LONGEST_S), 0.0
+        none, at_end = np.zeros((len(self._merged), S, at.cells)), np.zeros((*nothing.shape, 2 * len(self._merged) + 1))
+        at_end[..., -1] = 1.0
         for h in strides(rest.slept_s):
             f.stride(h)
             inlet0, inlet1 = (before + (after - before) * min(1.0, t / whole) for t in (passed, passed + h))
-            x = f.step(Step(np.zeros((S, at.cells)), zero, inlet0, inlet1, nothing, nothing, nothing))
+            x = f.step(Step(none, zero, inlet0, inlet1, nothing, nothing, at_end))
             self.evidence.take(x, read=False)
             self._mend()
             passed += h
@@ -327,12 +335,12 @@ class HeatWatch:
             f.running[s] = False
             self.evidence.forget(s)
 
-    def _beside(self, x: Linear, y: Floats, lag: Floats, R: Floats) -> None:
+    def _beside(self, x: Linear, y: Floats, R: Floats) -> None:
         """Hold the thermocouples that are not used against what they should read."""
         f, at = self.filter, self.filter.at
         row = self._row
-        value = y - (f.z[row, 2 * at.sensors + 1] - lag * x.rate) - f.z[:, at.bias]
         k = 2 * at.sensors + 1
+        value = y - (x.mean + f.z[row, k] - x.surface) - f.z[:, at.bias]
         sd = np.sqrt(f.P[row, k, k] + R + 0.1)
         late, loose = -x.rate * LATE_S, x.coolant - x.surface
         for v in self.verdicts:

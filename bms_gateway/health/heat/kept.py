@@ -17,13 +17,19 @@ from bms_gateway.health.heat.verdict import Verdict
 from bms_gateway.thermal import Floats
 
 LEAST_VAR = 1e-12
+MOST_C = 1e3  # °C of a temperature
 SLACK = 1e-3  # of a correlation, for what rounding to 32 bit does
 
 
 def numbers(f: HeatFilter) -> dict[str, Any]:
     """Give what is known beside the temperatures."""
     N = f.at.nodes
-    return {"numbers": f.z[:, N:].tolist(), "variances": np.einsum("skk->sk", f.P)[:, N:].tolist()}
+    told_at = [[x if np.isfinite(x) else None for x in row] for row in f.told_at.tolist()]
+    return {
+        "numbers": f.z[:, N:].tolist(),
+        "variances": np.einsum("skk->sk", f.P)[:, N:].tolist(),
+        "told_at": told_at,
+    }
 
 
 def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
@@ -39,6 +45,10 @@ def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
     shape = at.strings, at.states - at.nodes
     if z.shape != shape or var.shape != shape or not (np.isfinite(z).all() and np.isfinite(var).all()):
         raise ValueError("heat: not of these strings")
+    told_at = np.array(state.get("told_at", f.told_at), np.float64)  # older states have none; None is NaN
+    if told_at.shape != f.told_at.shape or np.isinf(told_at).any() or (np.abs(told_at) > MOST_C).any():
+        raise ValueError("heat: not of these strings")
+    f.told_at = told_at
     f.z[:, at.nodes :] = z
     k = np.arange(at.nodes, at.states)
     f.P[:, at.nodes :, :] = 0.0
@@ -74,7 +84,7 @@ def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, f
     P[np.tril_indices(N)] = triangle
     P = P + np.tril(P, -1).T
     sd = np.sqrt(np.maximum(np.diag(P), LEAST_VAR))
-    if (np.abs(P) > (1.0 + SLACK) * np.outer(sd, sd)).any() or np.abs(T).max() > 1e3 or np.isinf(inlet):
+    if (np.abs(P) > (1.0 + SLACK) * np.outer(sd, sd)).any() or np.abs(T).max() > MOST_C or np.isinf(inlet):
         raise ValueError("heat: no state of a string at rest")
     P[np.diag_indices(N)] = np.square(sd)
     f.z[s, : at.nodes], f.P[s], f.running[s] = T, P, True

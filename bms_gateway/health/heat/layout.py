@@ -13,6 +13,7 @@ R_u. The common states are well known from all sensors together. Heat of a singl
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ Bools = NDArray[np.bool_]
 COMMON = 5  # a, u, b_f, ε, a'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Layout:
     """Indices of the states of S strings; a string with fewer sensors than the others has unused states.
 
@@ -36,6 +37,8 @@ class Layout:
         0-based cells with a thermocouple; `fitted` (S, m) is False for unused entries.
     told : ndarray of int (S, a)
         0-based observed cells; `seen` (S, a) is False for unused entries.
+    told_of : ndarray (S, n, a)
+        1 where a cell is that observed cell, else 0.
     """
 
     strings: int
@@ -46,6 +49,7 @@ class Layout:
     fitted: Bools
     told: Ints
     seen: Bools
+    told_of: Floats
 
     @classmethod
     def of(cls, models: Sequence[StringModel]) -> "Layout":
@@ -60,64 +64,65 @@ class Layout:
             fitted[s, : len(model.sensors)] = True
             told[s, : len(cells)] = np.array(cells, np.int64) - 1
             seen[s, : len(cells)] = True
-        return cls(len(models), n, m, a, sensors, fitted, told, seen)
+        told_of = np.where(seen[:, None, :], np.arange(n)[:, None] == told[:, None, :], False).astype(np.float64)
+        return cls(len(models), n, m, a, sensors, fitted, told, seen, told_of)
 
-    @property
+    @cached_property
     def nodes(self) -> int:
         """Number of temperatures, 2n."""
         return 2 * self.cells
 
-    @property
+    @cached_property
     def states(self) -> int:
         """Number of states of a string."""
         return self.nodes + COMMON + self.sensed + 3 * self.near
 
-    @property
+    @cached_property
     def load(self) -> int:
         """Place of a."""
         return self.nodes
 
-    @property
+    @cached_property
     def flow(self) -> int:
         """Place of u."""
         return self.nodes + 1
 
-    @property
+    @cached_property
     def inlet(self) -> int:
         """Place of b_f."""
         return self.nodes + 2
 
-    @property
+    @cached_property
     def entropy(self) -> int:
         """Place of ε."""
         return self.nodes + 3
 
-    @property
+    @cached_property
     def brisk(self) -> int:
         """Place of a'."""
         return self.nodes + 4
 
-    @property
+    @cached_property
     def common(self) -> slice:
         """Places of what is common to all cells."""
         return slice(self.nodes, self.nodes + COMMON)
 
-    @property
+    @cached_property
     def bias(self) -> slice:
         """Places of b_j."""
         return slice(self.common.stop, self.common.stop + self.sensed)
 
-    @property
+    @cached_property
     def heat(self) -> slice:
         """Places of p."""
         return slice(self.bias.stop, self.bias.stop + self.near)
 
-    @property
+    @cached_property
     def own_load(self) -> slice:
         """Places of the cells' own a."""
         return slice(self.heat.stop, self.heat.stop + self.near)
 
-    @property
+    @cached_property
     def own_flow(self) -> slice:
         """Places of the cells' own u."""
         return slice(self.own_load.stop, self.own_load.stop + self.near)
@@ -127,11 +132,3 @@ class Layout:
         apart = np.abs(np.arange(self.cells)[:, None] - self.sensors[:, None, :])
         apart = np.where(self.fitted[:, None, :], apart, self.cells)
         return np.take_along_axis(self.sensors, apart.argmin(axis=2), axis=1)
-
-    def readings(self) -> Floats:
-        """Which numbers a thermocouple reads: H (S, m, N), its cell's surface and its own offset."""
-        H = np.zeros((self.strings, self.sensed, self.states))
-        s, j = self.fitted.nonzero()
-        H[s, j, 2 * self.sensors[s, j] + 1] = 1.0
-        H[s, j, self.bias.start + j] = 1.0
-        return H

@@ -4,11 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 
+LITTLE_JUMP, LITTLE_S = 1.0, 180.0
+"""K, s: a thermocouple that comes off while its cell warms seems to jump downwards, again and again, and then to show
+heat. A downward jump of less than the first number is believed after the second."""
+UNTOLD = 3.0
+"""ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
+the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
 PROVEN_K = 4.0
 """A cell with heat whose surface is so far above the median of its string's surfaces heats, whatever sensors do."""
 
@@ -19,6 +25,42 @@ def proven(f: HeatFilter, s: int, heats: Sequence[Finding]) -> bool:
     sensed = at.sensors[s, at.fitted[s]]
     hot = np.intersect1d([at.told[s, j] for g in heats for j in g.places], sensed)
     return bool((T_s[hot] > np.median(T_s[sensed]) + PROVEN_K).any())
+
+
+def may_be_else(e: Evidence, s: int, w: Weighed, onset: int, fault: int, *, poor: bool) -> bool:
+    """Tell whether a fault of a thermocouple in string `s` may be something else.
+
+    A jump may be the lag of one that came off a moment ago. A drift or a lag may be what a `poor` model lacks.
+    """
+    if e.kinds[fault] != Kind.JUMP:
+        return poor and e.kinds[fault] in (Kind.SLOPE, Kind.LAG)
+    little = -LITTLE_JUMP < float(w.amplitude[s, onset, fault]) < 0.0
+    return bool(little and e.ages(s)[onset] < LITTLE_S)
+
+
+def may_be_heat(
+    e: Evidence, s: int, w: Weighed, onset: int, fault: int, heat: tuple[bool, float], *, slept: bool
+) -> bool:
+    """Tell whether a thermocouple that reads too much since an onset may read the heat of its cell.
+
+    Parameters
+    ----------
+    e : Evidence
+    s : int
+        String.
+    w : Weighed
+    onset, fault : int
+    heat : tuple of bool, float
+        Whether heat alone would be accepted, and the ln of its probability over that of the fault.
+    slept : bool
+        The onset may lie in a sleep.
+    """
+    kind = e.kinds[fault]
+    if kind not in (Kind.JUMP, Kind.SLOPE) or w.amplitude[s, onset, fault] <= 0.0:
+        return False
+    if kind == Kind.JUMP:
+        return slept and heat[1] > -UNTOLD
+    return e.reads(s, onset) < OLDEST_READ and heat[0]
 
 
 def watched(f: HeatFilter, s: int, place: int, used: Bools) -> bool:

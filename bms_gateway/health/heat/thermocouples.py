@@ -56,26 +56,23 @@ class Thermocouples:
         """Take in a time without frames."""
         self._last[:] = np.nan
 
-    def take(self, y: Floats, age: Floats, tick_s: float) -> tuple[Floats, Floats, Floats]:
+    def take(self, y: Floats) -> tuple[Floats, Floats]:
         """Take in the readings of a step of some ticks.
 
         Parameters
         ----------
-        y, age : ndarray (ticks, S, m), °C, s
+        y : ndarray (ticks, S, m), °C
             NaN where nothing was read.
-        tick_s : float, s
 
         Returns
         -------
-        mean, lag, variance : ndarray (S, m), °C, s, K²
-            Of each thermocouple, and how long before the end of the step it was read on average; NaN where it was not.
+        mean, variance : ndarray (S, m), °C, K²
+            Of each thermocouple; NaN where it was not read.
         """
         there = np.isfinite(y)
         number = there.sum(axis=0)
         divisor = np.where(number > 0, number, np.nan)
-        back = (np.arange(len(y))[::-1] * tick_s)[:, None, None]
         mean = np.where(there, y, 0.0).sum(axis=0) / divisor
-        lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
         for now in y:  # steps show between rare frames too
             stands = np.abs(now - self._all.newest) <= SAME
             self._repeats += stands
@@ -88,7 +85,7 @@ class Thermocouples:
         self._last = np.where(there[-1], y[-1], np.nan)
         step2 = np.square(self.step)
         coarse = np.where(step2 / 6.0 > self._noise, step2, step2 / 12.0 / divisor)
-        return mean, lag, np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
+        return mean, np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
 
     def snapshot(self) -> dict[str, Any]:
         """Return what a restart takes up: steps, K, noise, K², and newest readings, °C."""

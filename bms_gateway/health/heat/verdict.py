@@ -7,6 +7,7 @@ from math import exp, sqrt
 import numpy as np
 
 from bms_gateway.health.heat.course import (
+    COLD,
     COOLING,
     COOLING_BACK,
     COOLING_GRAVE,
@@ -14,17 +15,20 @@ from bms_gateway.health.heat.course import (
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
+    MISSING,
     MISSING_BACK,
+    MUCH,
+    SLOW_S,
     SOUND_INLET,
     Course,
     missing,
 )
-from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import cooled, hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
-from bms_gateway.health.heat.proven import known, proven, watched
+from bms_gateway.health.heat.proven import known, may_be_else, may_be_heat, proven, watched
 from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.thermal import Floats
 
@@ -37,9 +41,6 @@ ALONE, ALONE_HEAT = 0.95, 0.998
 while its cell cools looks like heat for a minute."""
 WAIT_S = 180.0
 """Time after which a certain fault with several possible causes is reported with the likeliest of them."""
-UNTOLD = 3.0
-"""ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
-the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
@@ -106,6 +107,7 @@ class Verdict:
     _stands: int = 0
     _stood_ns: int = 0
     _slow_ns: int | None = None
+    _less_ns: int | None = None
     _flowed_ns: int | None = None
     _residual: Floats = field(default_factory=lambda: np.zeros(0))
     _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
@@ -119,6 +121,12 @@ class Verdict:
     def hot(self) -> bool:
         """Whether heat of a cell's own has been found."""
         return any(f.code == "unexplained_heat" for f in self.findings)
+
+    @property
+    def jumped(self) -> Bools:
+        """Which thermocouples (m,) have been found to have jumped."""
+        places = [g.place for g in self.findings if g.kind is Kind.JUMP]
+        return np.isin(np.arange(len(self.aside)), places)
 
     @property
     def leads(self) -> bool:
@@ -172,7 +180,7 @@ class Verdict:
 
     def pass_over(self) -> None:
         """Take a step whose evidence is too small to be judged."""
-        self._stands, self._slow_ns = 0, None
+        self._stands, self._slow_ns, self._less_ns = 0, None, None
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
@@ -198,15 +206,13 @@ class Verdict:
             self.evidence.forget(self.s)  # a change of all cells during the sleep may come from a drive
             self.of.running[self.s], self._stands = False, 0
             return []
-        if kind in (Kind.JUMP, Kind.SLOPE) and w.amplitude[self.s, onset, best] > 0.0:
-            heat = int(np.where(kinds == Kind.HEAT, E, -np.inf).argmax())
-            if kind is Kind.JUMP:
-                unclear = slept and E[heat] > E[best] - UNTOLD
-            else:
-                unclear = self.evidence.reads(onset) < OLDEST_READ and each[heat] >= SURE
-            if unclear:
-                best, kind, j = heat, Kind.HEAT, int(place[heat])
-                onset = int(w.ln[self.s, :, heat].argmax())
+        if may_be_else(self.evidence, self.s, w, onset, best, poor=bool(self.course.poor[self.s])):
+            return []
+        heat = int(np.where(kinds == Kind.HEAT, E, -np.inf).argmax())
+        heats = bool(each[heat] >= SURE), float(E[heat] - E[best])
+        if may_be_heat(self.evidence, self.s, w, onset, best, heats, slept=slept):
+            best, kind, j = heat, Kind.HEAT, int(place[heat])
+            onset = int(w.ln[self.s, :, heat].argmax())
         share = np.exp(E - E.max())
         share /= share.sum() + exp(-E.max())
         sensors = (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
@@ -423,7 +429,10 @@ class Verdict:
 
     def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
         g.low_ns = (now_ns if g.low_ns is None else g.low_ns) if low else None
-        return g.low_ns is not None and self._lasted(g.low_ns, now_ns) >= wait_s
+        return self._held(g.low_ns, now_ns, wait_s)
+
+    def _held(self, since_ns: int | None, now_ns: int, wait_s: float) -> bool:
+        return since_ns is not None and self._lasted(since_ns, now_ns) >= wait_s
 
     def _lasted(self, since_ns: int, now_ns: int) -> float:
         """Seconds since the beginning of the step that ended at `since_ns`; steps may be long."""
@@ -437,36 +446,40 @@ class Verdict:
         best = int(each.argmax())
         if self.evidence.kinds[best] == Kind.LOAD and each[best] > SUSPECT:
             onset = int(w.ln[s, :, best].argmax())
-            moved = self.evidence.moved(s, onset, best)
-            share += float(w.amplitude[s, onset, best]) * float(moved[at.load] + moved[at.brisk])
+            along = self.evidence.moved(s, onset, best)
+            share += float(w.amplitude[s, onset, best]) * float(along[at.load] + along[at.brisk])
             var += float(w.var[s, onset, best])
         new = []
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
+        # a model that says so would need a current that cools
+        warms = warms and float(f.made()[0][s]) > COLD
         warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
         if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
             new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
         grown = self._grown()
-        own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
+        own = float(each[self.evidence.kinds < Kind.FLOW].max()) > SUSPECT or self.hot
         if "cooling" not in codes:
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
-            least, sure = (COOLING, FLOW_SURE) if flowed else (COOLING_GRAVE, FLOW_GRAVE)
-            slower = grown > least and u - self.course.film[s] > sure * u_sd and not own
+            least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
+            lost = u - self.course.film[s]
+            # a film shows by heat that stays: where the current seems to make none, the film that explains it is none
+            own = own or share < MISSING
+            own = own or (not flowed and bool(self.course.poor[s]))
+            slower = grown > least and lost > sure * u_sd and not own
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
-            hold = HOLD_S if flowed else HOLD_COMMON_S
-            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= hold:
+            less = grown > COOLING and lost > FLOW_SURE * u_sd and not own and bool(self.course.shows_films(f)[s])
+            slow_s = HOLD_COMMON_S if grown > MUCH else SLOW_S
+            self._less_ns = (now_ns if self._less_ns is None else self._less_ns) if less else None
+            if self._held(self._slow_ns, now_ns, hold) or self._held(self._less_ns, now_ns, slow_s):
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
         off, off_sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
         still = self.course.frozen[s] * f.dt >= FROZEN_S and not self.course.constant_inlet[s]
-        if (
-            "inlet" not in codes
-            and still
-            and not self.hot
-            and abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd)
-        ):
+        moved = abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd)
+        if "inlet" not in codes and still and moved and not self.hot:
             new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
         for g in new:
             self.findings.append(g)
