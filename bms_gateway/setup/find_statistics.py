@@ -1,10 +1,13 @@
 """One reading of all cells, beside other statistics of the same cells: a row of cells for all of them."""
 
 from dataclasses import replace
+from typing import Final
 
 from bms_gateway.frames.own_dbc import MAX_CELLS
 from bms_gateway.setup.find_temperatures import Surfaces
 from bms_gateway.setup.proposal import Proposal, Proposed
+
+WORSE: Final = "a comment in gateway.toml: beside the greatest it makes the hottest core worse"
 
 
 def of_several(proposal: Proposal, warm: Surfaces) -> list[Proposed]:
@@ -36,7 +39,7 @@ def of_several(proposal: Proposal, warm: Surfaces) -> list[Proposed]:
             series=s,
             statistic=kind,
             sure=warm.said and not s.constant,
-            why=[f"the {kind} beside {first.path}"],
+            why=[f"the {kind} beside {first.path}", *([WORSE] if warm.statistic == "max" else [])],
             overrides={},
         )
         for kind, s in warm.beside.items()

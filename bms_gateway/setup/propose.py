@@ -1,5 +1,6 @@
 """From the traffic of an unknown vehicle to the role of each signal: one pass over names, units and data."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -50,6 +51,8 @@ LEAST_A: Final = 1.0
 LEAST_S: Final = 60.0
 """In a shorter log no choice is sure."""
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
+SLIPS: Final = (1e-3, 0.1, 1e-2, 10.0, 1e3)
+"""Factors by which a scale may be wrong, the likeliest first: thousandths for whole units."""
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
 """Order of the roles in a proposal: signals of the pack, then those of cells."""
 NOTHING: Final[Mapping[str, Role]] = MappingProxyType({})
@@ -239,6 +242,7 @@ def _current(
     if against:
         why.append(AGAINST)
     sure = sure and bool(moves) and not against and (e.told or by_charge is not None)
+    sure = sure and math.isclose(abs(scale), abs(c.factor))  # by how much a scale slipped is a guess
     p = Proposed("current", c.series, scale, 0.0, sure=sure, why=why)
     _told(p, rights)
     _put(proposal, p, strings)
@@ -299,16 +303,14 @@ def _slipped(per_cell: float, c: Scored, why: list[str]) -> float:
     """Factor by which a unit slipped, where cells would have an impossible resistance; else 1."""
     if CELL_OHM[0] <= per_cell <= CELL_OHM[1]:
         return 1.0
-    for factor in (1e-3, 0.1, 1e-2, 10.0, 1e3):
-        # a current that is too large by a factor makes the resistance too small by it
-        if 3 * CELL_OHM[0] <= per_cell / factor <= CELL_OHM[1] / 3:
-            stated = c.series.info.unit or "no unit"
-            why.append(
-                f"the DBC's scale contradicts the data: {stated} would give cells of {1e3 * per_cell:.2g} mΩ; "
-                f"times {factor:g} they have {1e3 * per_cell / factor:.2g} mΩ"
-            )
-            return factor
-    return 1.0
+    # a current that is too large by a factor makes the resistance too small by it
+    fitting = [f for f in SLIPS if 3 * CELL_OHM[0] <= per_cell / f <= CELL_OHM[1] / 3]
+    if not fitting:
+        return 1.0
+    stated, factor = c.series.info.unit or "no unit", fitting[0]
+    cells = ", ".join(f"times {f:g} they have {1e3 * per_cell / f:.2g} mΩ" for f in fitting)
+    why.append(f"the DBC's scale contradicts the data: {stated} would give cells of {1e3 * per_cell:.2g} mΩ; {cells}")
+    return factor
 
 
 def _told(p: Proposed, rights: Rights) -> None:

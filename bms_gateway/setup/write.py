@@ -53,7 +53,6 @@ COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 """Surroundings between which those of an unknown cell lie."""
 NOT_TWICE: Final = 1.0 - 1e-5
 """Factor of a scale that is that of the DBC's unit by chance: a config with it is refused, as if it converted twice."""
-WORSE: Final = "not used: beside the greatest it makes the hottest core worse; the coldest better"
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -295,7 +294,7 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         lines.append(f"# {told}")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
         own = _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
-        lines += [*own[:-1], f"# {WORSE}", f"# {own[-1]}"] if _worse(proposal, p) else own
+        lines += [*own[:-1], f"# {own[-1]}"] if _worse(proposal, p) else own
     volted = [p for p in proposal.of("cell_voltage") if p.string == string]
     if volted:
         lines.append("[string.signals.cell_voltage]")

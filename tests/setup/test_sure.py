@@ -107,6 +107,19 @@ def test_a_current_of_a_shunt_that_is_declared_unsigned_is_read_with_its_sign(tm
     assert current.factor == pytest.approx(1e-3)
 
 
+def test_by_how_much_a_scale_is_wrong_is_a_guess_that_is_told_with_the_others(tmp_path) -> None:
+    vehicle = charged(1.0)
+    assert next(proposed(vehicle, tmp_path).of("current")).sure
+    right, wrong = (f" SG_ PackCurrent : 0|16@1- ({scale},0) [0|0]" for scale in ("0.1", "100"))
+    vehicle.dbc = vehicle.dbc.replace(" SG_ PackCurrent : 0|16@1- (0.1,0) [-1000|1000]", right)
+    vehicle.told = [(right, wrong)]
+    (current,) = proposed(vehicle, tmp_path).of("current")
+    assert not current.sure
+    (told,) = (why for why in current.why if "scale contradicts the data" in why)
+    assert "times 0.001 they have" in told
+    assert "times 0.01 they have" in told
+
+
 def test_counts_that_stand_for_a_current_tell_no_resistance(tmp_path) -> None:
     vehicle = plain({f"CellTemp{k + 1}": drive(8).surface[:, k] for k in range(4)}, unit="degC")
     old = ' SG_ PackCurrent : 0|16@1- (0.1,0) [-1000|1000] "A" B'
