@@ -22,7 +22,6 @@ class Parts(dict[str, Callable[[], Coroutine[Any, Any, None]]]):
     """
 
     def __init__(self, tally: Tally) -> None:
-        super().__init__()
         self._tally = tally
         self._tasks: list[asyncio.Task[None]] = []
 

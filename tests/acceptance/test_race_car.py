@@ -11,6 +11,7 @@ from tests.acceptance.drives import analyze
 from tests.acceptance.race_logs import LOGS
 from tests.config.race_car import PER_STRING, THERMISTORS, write_race_car
 from tests.data import need
+from tests.frames.payloads import OWN, parsed
 
 
 @pytest.mark.parametrize("name", LOGS)
@@ -86,9 +87,8 @@ def _series(log) -> dict[int, np.ndarray]:
 
 def _all_decode(broadcast) -> None:
     """No NaN, nothing out of range: cantools decodes each frame strictly, and the values are temperatures."""
-    from bms_gateway.config import own_dbc_text
 
-    database = cantools.database.load_string(own_dbc_text(), "dbc")
+    database = parsed(OWN)
     seen = 0
     for batch in read_log(broadcast):
         for can_id, length, data in zip(batch.can_id[::7], batch.length[::7], batch.data[::7], strict=True):

@@ -1,23 +1,20 @@
 """Tables for `encode`, and its logs as cantools reads them."""
 
 import tomllib
-from pathlib import Path
 
 import cantools
 import numpy as np
 
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.frames.batch import EXTENDED
+from tests.frames.payloads import OWN, parsed
 
 
 def decode(log, config):
     """Signals of a log as cantools reads them: "Message.Signal" → (times, values)."""
-    own = Path(__file__).resolve().parents[2] / "dbc" / "bms_gateway.dbc"
     named = tomllib.loads(config.read_text()).get("bus", {}).get("dbc", [])
-    db = cantools.database.Database()
-    for file in (own, *(config.parent / name for name in named)):
-        db.add_dbc_file(file)
-    by_id = {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m for m in db.messages}
+    databases = [parsed(OWN), *(cantools.database.load_file(config.parent / name) for name in named)]
+    by_id = {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m for db in databases for m in db.messages}
     found = {}
     for batch in read_log(log):
         for t, can_id, length, data in zip(batch.time_ns, batch.can_id, batch.length, batch.data, strict=True):

@@ -3,18 +3,17 @@
 import gzip
 import json
 
-import cantools
 import numpy as np
 import pytest
 
 import bms_gateway
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.main import main
-from bms_gateway.config import own_dbc_text
 from bms_gateway.frames.batch import FrameBatch
 from tests.benchmarks.bench_runaway import recorded, rule
 from tests.config.bench_cell import one_cell, write_string
 from tests.data import need
+from tests.frames.payloads import OWN, parsed
 
 MODEL = one_cell(2.5, C_c=(40.0, 0.2), C_s=(5.0, 0.3), R_e=(25.0, 0.3), R_c=(3.0, 0.3), R_u=(15.0, 0.3))
 
@@ -43,7 +42,7 @@ def analysed(folder, surface):
 
 def flags(frames, start):
     """What the flags' frames say, by second, as another program decodes them."""
-    message = cantools.database.load_string(own_dbc_text()).get_message_by_name("string_1_flags")
+    message = parsed(OWN).get_message_by_name("string_1_flags")
     at = (frames.can_id & 0x1FFF_FFFF) == message.frame_id
     found = {}
     for time_ns, data in zip(frames.time_ns[at].tolist(), frames.data[at], strict=True):

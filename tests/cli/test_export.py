@@ -11,7 +11,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cantools
 import numpy as np
 import pytest
 
@@ -19,10 +18,11 @@ from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli import export as command
 from bms_gateway.cli.export import given_span
 from bms_gateway.cli.main import main
-from bms_gateway.config import own_dbc_text, shipped
+from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
 from bms_gateway.records.recent_signals import Written
 from bms_gateway.report.table import read_table
+from tests.frames.payloads import OWN, parsed
 from tests.store.ring import drove
 
 SECONDS = 900
@@ -43,7 +43,7 @@ def export(gateway, name, *words):
 
 def test_the_table_holds_what_the_bus_said_within_its_resolution(gateway):
     table = read_table(export(gateway, "all.csv", "--string", "string_2"))
-    database = cantools.database.load_string(own_dbc_text(), "dbc")
+    database = parsed(OWN)
     said: dict[str, list[tuple[float, float]]] = {}
     names = {"current": "current_A", "voltage": "voltage_V", "coolant_inlet": "coolant_inlet_C", "soc": "soc"}
     names |= {"surface_01": "surface_1_C", "surface_04": "surface_4_C", "coolant_flow": "coolant_flow_m3_s"}

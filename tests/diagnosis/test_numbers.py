@@ -94,7 +94,7 @@ def test_cores_of_measured_cells_lie_in_the_band_of_the_numbers_with_an_effect(n
     assert np.mean(np.abs(error[late]) <= 2.0 * band.total_K[late, 0]) >= 0.9
 
 
-@pytest.mark.parametrize("case", CASES[::3])
+@pytest.mark.parametrize("case", [CASES[3], *(pytest.param(c, marks=pytest.mark.slow) for c in (CASES[0], CASES[6]))])
 def test_a_model_that_is_read_again_has_the_same_numbers_to_the_last_bit(case):
     _, record, _, addition = step(*case)
     again = parse_model(format_model(addition.model))

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 
-import cantools
 import numpy as np
 
-from bms_gateway.config import own_dbc_text
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Posterior
 from tests.engine.doubtful_runs import run
 from tests.engine.packs import plan
+from tests.frames.payloads import OWN, parsed
 
 WHY = ("The model does not explain the surfaces.",)
 
@@ -56,7 +55,7 @@ def test_what_may_be_wrong_of_core_minus_surface_is_in_the_band():
 def test_the_bus_says_doubtful():
     """By the DBC as another tool reads it."""
     _, frames = run(doubted())
-    db = cantools.database.load_string(own_dbc_text())
+    db = parsed(OWN)
     for number, words in ((1, {"doubtful"}), (2, {"good", "estimated"})):
         message = db.get_message_by_name(f"string_{number}_core")
         mine = frames.data[frames.can_id & 0x1FFFFFFF == message.frame_id][-4:]

@@ -283,6 +283,7 @@ def test_a_reload_takes_the_new_engine_with_its_deadline(world, caplog):
         (1_000_000, "STOPPING=1"),
     ]
     assert caplog.messages == ["reloaded"]
+    assert (caplog.records[0].code, caplog.records[0].asked) == ("reload", True)  # a person has asked for it
     assert gateway._reloads.going is None  # what is over is not kept
 
 

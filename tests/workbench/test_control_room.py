@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import pairwise
 from urllib.parse import parse_qs, urlsplit
 
-import cantools
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from bms_gateway.report.table import read_table
 from bms_gateway.workbench.events import Events
 from bms_gateway.workbench.sources import Playback
 from bms_gateway.workbench.watch import Watch
+from tests.frames.payloads import OWN, parsed
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -142,7 +142,7 @@ def sent_of(log, string, quantity):
     channels = next(s for s in load_config(shipped(EXAMPLE)).plan.strings if s.name == string).channels
     channel = next(c for c in channels if c.quantity == quantity)
     message, signal = channel.signal.split(".")
-    wanted = cantools.database.load_file(shipped("dbc/bms_gateway.dbc")).get_message_by_name(message)
+    wanted = parsed(OWN).get_message_by_name(message)
     for f in read_log(log):
         for k in np.flatnonzero(f.can_id & 0x1FFF_FFFF == wanted.frame_id):
             at = (int(f.time_ns[k]) - BEGAN_NS) * 1e-9
@@ -227,7 +227,7 @@ def test_the_signals_of_a_window_are_those_of_the_bus(watch, log, tmp_path):
     table = read_table(watch.signals.table(1, 30.0, watch.stretch_ns("test", 30.0, None)[1], tmp_path / "window.csv"))
     assert table.time_s[-1] - table.time_s[0] == pytest.approx(30.0, abs=1.1)
     end_ns = shown["wall_ms"] * 1_000_000
-    messages = cantools.database.load_file(shipped("dbc/bms_gateway.dbc"))
+    messages = parsed(OWN)
     coolant = messages.get_message_by_name("string_2_coolant")
     said = [
         coolant.decode(bytes(f.data[k, : f.length[k]]), decode_choices=False)["coolant_inlet"]

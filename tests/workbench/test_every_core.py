@@ -10,6 +10,7 @@ CELLS, SENSORS = 30, (1, 15, 30)
 NAMED = "return document.querySelector('#plot-core').dataset.name === arguments[0]"
 
 
+@pytest.mark.slow
 def test_cores_without_a_sensor_have_pictures_in_long_strings_too(window, tmp_path):
     pack = make_pack(tmp_path, cells=CELLS, sensors=SENSORS, seconds=400)
     with served(tmp_path, *pack.words) as url:
