@@ -14,6 +14,7 @@ A core is **proven** by records if all of these hold:
   `diagnose`. Otherwise there is a model error, whose effect on the core no surface shows;
 * no effect of the catalogue passes the gates of `diagnose`: a missing effect can move the core without a change of
   the surface;
+* no effect of the model looks the same at every surface as something that leaves another core (`Effect.elsewhere`);
 * no number ends at a bound, beyond `FAR` standard deviations of what was known of it, or against the cell's format.
 
 After `fit --calibrate`, a thermocouple in the core has confirmed the core: the third and fourth condition are then
@@ -205,7 +206,15 @@ def _against(
         said.append(f"The model does not explain {where}{own}.")
     elif lacks := _lacking(fitted.closest, doubts, rounds):
         said.append(lacks)
-    return said + numbers_far(fitted.fit)
+    return said + numbers_far(fitted.fit) + ([] if calibrated else _elsewhere(model))
+
+
+def _elsewhere(model: StringModel) -> list[str]:
+    """Say which effects of a model could as well be something that leaves another core."""
+    found = ((e.key, effect_named(e.name).elsewhere) for e in model.effects)
+    return [
+        f"At the surfaces {key} looks the same as {other}: the core then is another." for key, other in found if other
+    ]
 
 
 def _lacking(fit: MapFit, doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None) -> str:
