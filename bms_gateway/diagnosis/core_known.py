@@ -14,6 +14,7 @@ A core is **proven** by records if all of these hold:
   `diagnose`. Otherwise there is a model error, whose effect on the core no surface shows;
 * no effect of the catalogue passes the gates of `diagnose`: a missing effect can move the core without a change of
   the surface;
+* no effect of the model looks the same at every surface as something that leaves another core (`Effect.elsewhere`);
 * no number ends at a bound, beyond `FAR` standard deviations of what was known of it, or against the cell's format.
 
 After `fit --calibrate`, a thermocouple in the core has confirmed the core: the third and fourth condition are then
@@ -31,7 +32,6 @@ from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
 from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, typical_K
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.misfit import nearest, sensors
-from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import unexplained
 from bms_gateway.diagnosis.search import search
@@ -204,18 +204,23 @@ def _against(
     if structured or fails_held:
         where = "the surfaces" if structured else "readings that were held out"
         said.append(f"The model does not explain {where}{own}.")
-    elif lacks := _lacking(model, records, doubts, rounds):
+    elif lacks := _lacking(fitted.closest, doubts, rounds):
         said.append(lacks)
-    return said + numbers_far(fitted.fit)
+    return said + numbers_far(fitted.fit) + ([] if calibrated else _elsewhere(model))
 
 
-def _lacking(
-    model: StringModel, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
-) -> str:
+def _elsewhere(model: StringModel) -> list[str]:
+    """Say which effects of a model could as well be something that leaves another core."""
+    found = ((e.key, effect_named(e.name).elsewhere) for e in model.effects)
+    return [
+        f"At the surfaces {key} looks the same as {other}: the core then is another." for key, other in found if other
+    ]
+
+
+def _lacking(fit: MapFit, doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None) -> str:
     """Say which effect a model lacks although it explains the surfaces; empty if it lacks none."""
     if rounds is None:
-        start = model.unfitted
-        rounds = search(start, [measured(r, start) for r in records], ONE, doubts=doubts).rounds
+        rounds = search(fit.problem.model, fit.problem.records, ONE, doubts=doubts, baseline=fit).rounds
     trials = rounds[0] if rounds else []
     named = next((t.candidate.key for t in trials if t.passed), None)
     if named is not None:

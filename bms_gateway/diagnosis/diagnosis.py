@@ -223,14 +223,15 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
     first = judged(found)
     if first.verdict != "adequate" and not any(doubts) and _rows_are_open(found, records):
         doubts = [r.sampling.doubt for r in records]
-        found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts)
+        begun = found.baseline
+        found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts, baseline=begun)
         first = judged(found)
         if first.verdict == "adequate" and structured(less_steps(found.baseline, records)):
             # the rows leave room for an error of this size, but not for this one
             unknown = partial(something_unknown, looks=())
             first = replace(first, verdict="unknown_effect", unknown_remains=True, said=unknown)
     if first.verdict == "unknown_effect" and not found.hopeless and _heat_by_voltage(ready):
-        other = search(model, ready, settings, doubts=doubts, voltage=True)
+        other = search(model, ready, settings, doubts=doubts, voltage=True, baseline=found.baseline)
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds

@@ -106,6 +106,7 @@ def search(
     progress: Progress | None = None,
     doubts: Sequence[float] = (),
     voltage: bool = False,
+    baseline: MapFit | None = None,
 ) -> Search:
     """Search for the effects that a model lacks.
 
@@ -121,6 +122,8 @@ def search(
         Of a minute's heat in each record, relative: rows of the current that lie too far apart (`coarse_rows`).
     voltage : bool
         Offer heat by the voltage in place of I²R_e too: which tells how much heat there is, and not what makes it.
+    baseline : MapFit, optional
+        Fit of the model as it is to these records, where there is one.
 
     Returns
     -------
@@ -129,8 +132,9 @@ def search(
     """
     s = settings or Settings()
     tell = progress or (lambda _share, _text: None)
-    tell(0.0, "fitting the model as it is")
-    baseline = fitted(Problem(model, records))
+    if baseline is None:
+        tell(0.0, "fitting the model as it is")
+        baseline = fitted(Problem(model, records))
     found = Search(baseline, baseline)
     found.left_open, found.hopeless = left_open(baseline, doubts), max(doubts, default=0.0) > HOPELESS
     s = replace(s, left_open=found.left_open)

@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from bms_gateway.config.model_file import format_model, parse_model
-from bms_gateway.diagnosis.adding import add_effects, wanted
+from bms_gateway.diagnosis.adding import add_effects, cores_with_named, wanted
 from bms_gateway.diagnosis.bounds import at_bound, believed_share
 from bms_gateway.diagnosis.compare import compare
-from bms_gateway.diagnosis.diagnosis import judged, missing
+from bms_gateway.diagnosis.diagnosis import diagnose, judged, missing
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.search import Chosen
 from bms_gateway.errors import ConfigError
 from bms_gateway.report.added import added_report
 from bms_gateway.report.comparison_text import comparison_document, comparison_text
 from tests.diagnosis.decided import by_first, pair
+from tests.diagnosis.hidden_record import record_of
+from tests.truth.hidden import STRANGE, Scenario, make_log
 
 TIED = "The records by which entropic_heat was added cannot tell it from hysteresis: it would explain them as well."
 
@@ -108,3 +110,26 @@ def test_numbers_inside_their_bounds_keep_their_probability():
         if not at_bound(t.fit, t.candidate):
             assert believed_share(t) == (t.share, t.why)
     assert not any("no proof" in x.refused for x in ranking(d) if x.role == "named")
+
+
+def tabs(t, size, rng):
+    """Heat leaves the roll through its tabs, to surroundings at 25 °C."""
+    t.sink = np.full(t.K, 25.0)
+    t.core_G += 0.1 * size
+
+
+def test_a_loss_at_the_surfaces_proves_no_core_for_it_may_be_the_cores_own(monkeypatch):
+    """Heat through the tabs was called a loss of the surfaces, and a core 2.3 K off was proven with an sd of 0.6 K."""
+    monkeypatch.setitem(STRANGE, "foreign_sink", tabs)
+    scenario = Scenario({"foreign_sink": ("medium", None)}, cells=1, sensors=(1,), seed=3, cycle="mixed", noise=0.05)
+    log = make_log(scenario)
+    record, model = record_of(log)
+    d = diagnose(model, [record])
+    assert [s.candidate.key for s in d.selected] == ["ambient_loss"]  # the surfaces show no difference
+    core = cores_with_named(model, [record], d)[-1]
+    assert not core.proven
+    assert any("through their tabs" in why for why in core.why)
+    band = core.bands[0]
+    true = np.interp(band.time_s + record.instants[0], log.table["time_s"], log.core[:, 0])
+    inside = np.abs(band.T_c[:, 0] - true) <= 2.0 * band.total_K[:, 0]
+    assert inside.mean() > 0.9

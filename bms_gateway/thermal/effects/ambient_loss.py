@@ -22,6 +22,7 @@ class AmbientLoss(Effect):
     node = "surface"
     warms = -1
     plausibility = -1.5
+    elsewhere = "heat that leaves the cores themselves, as through their tabs"
     confused_with = ("neighbour_heat", "natural_convection", "inlet_offset", "thermocouple_offset")
     parameters = (
         EffectParameter("G", "conductance to the surroundings", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06),

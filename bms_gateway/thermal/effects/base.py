@@ -99,6 +99,9 @@ class Effect(ABC):
     warms : {-1, 0, 1}
         What the effect at its probe does to a string on discharge that is warmer than inlet and surroundings, at a
         flow above the nominal one and an SOC below a half: 1 warms it, -1 cools it, 0 depends or neither.
+    elsewhere : str
+        What is in no catalogue and looks the same at every surface, but leaves another core: with this effect in a
+        model, surfaces alone do not prove a core.
     constants : bool
         The law holds a constant of nature with energy or charge in its unit (R/F, Stefan-Boltzmann), so that it
         cannot be tried in other units.
@@ -125,6 +128,7 @@ class Effect(ABC):
     states: ClassVar[int] = 0
     warms: ClassVar[int] = 0
     constants: ClassVar[bool] = False
+    elsewhere: ClassVar[str] = ""
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
         """Values from which a fit should be tried, by parameter (SI); what is not named starts at its probe.
