@@ -182,17 +182,18 @@ def test_refused_by_the_gates_says_why_and_is_forced_only_when_told(window, url)
     assert "by force" in page.text("#panel-add")
 
 
-def test_cancel_ends_the_search_and_the_page_goes_on(window, url):
-    page = window(url)
-    seen_compared(page)
-    page.press("d")  # by key
-    page.wait("return !document.querySelector('#job').hidden && document.querySelector('#job-text').innerText")
-    page.press("Escape")
-    page.idle()
-    assert page.text("#panel-diagnose .verdict") == ""
-    assert page.there("#diagnose")
-    page.press("2")
-    assert page.there("#panel-compare")
+def test_cancel_ends_the_search_and_the_page_goes_on(window, pack, tmp_path):
+    with served(tmp_path, *pack.words) as url:  # anew: what was found before is not searched again
+        page = window(url)
+        seen_compared(page)
+        page.press("d")  # by key
+        page.wait("return !document.querySelector('#job').hidden && document.querySelector('#job-text').innerText")
+        page.press("Escape")
+        page.idle()
+        assert page.text("#panel-diagnose .verdict") == ""
+        assert page.there("#diagnose")
+        page.press("2")
+        assert page.there("#panel-compare")
 
 
 def test_two_tabs_are_two_desks(window, url, pack):
