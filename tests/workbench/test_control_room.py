@@ -321,7 +321,7 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         listed = page.run("return [...document.querySelectorAll('#past-marks li')].map(li => li.innerText)")
         assert any("Alarm: " in text and "the limit is 24 °C" in text for text in listed)  # what the lines stand for
         # times are those of the frames, with the date where it is not today's; the axis has it once
-        day = page.run("return new Date(arguments[0]).toLocaleDateString([], {dateStyle: 'short'})", BEGAN_NS // 10**6)
+        day = page.run("return new Date(arguments[0]).toLocaleDateString('sv-SE')", BEGAN_NS // 10**6)
         assert page.text("#at").startswith(day)
         assert page.text("#at").count(day) == 1
         first, *rest = page.run("return [...document.querySelectorAll('#past .time')].map(t => t.textContent)")

@@ -37,6 +37,7 @@ return [...document.querySelectorAll('#panels .scroll')].filter(e => e.getClient
 LONG = """
 const p = document.createElement('p');
 p.innerText = 'x'.repeat(400);
+p.style.overflowWrap = 'normal';
 document.querySelector('#panel-add').append(p);
 """
 

@@ -43,7 +43,7 @@ def test_a_refit_that_is_worse_is_red_and_its_core_is_no_answer(window, axe, tmp
         page.press("Enter")
         page.idle(FIT_S)
         assert page.run("return document.querySelectorAll('.bars')[0].children[1].className") == "bar worse"
-        assert page.run(RED, "#bar-names .worse") == [[told, color]]
+        assert page.run(RED, "#bars-worse .worse") == [[told, color]]
         assert page.run("return document.querySelectorAll('.bars')[2].children[1].lastChild.textContent") == "?"
         assert page.run("return document.querySelectorAll('.bar.worse i')[0].getBoundingClientRect().height") > 100
         assert page.run("const p = document.querySelector('#panels'); return p.scrollWidth <= p.clientWidth")

@@ -313,6 +313,7 @@ function steps() {
 // One and the same too: its bars move to where they are to be from wherever they are.
 const stairs = el("div", { class: "stairs" });
 const barNames = el("p", { class: "muted", id: "bar-names" });
+const barsWorse = el("p", { id: "bars-worse" });
 const underStairs = el("div", {});
 
 function climb() {
@@ -320,7 +321,8 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
-  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.forced ? " (by force)" : s.core?.proven === false ? " (core not proven)" : ""}`]), ...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.forced ? " (by force)" : s.core?.proven === false ? " (core not proven)" : ""}`]));
+  barsWorse.replaceChildren(...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
@@ -366,10 +368,10 @@ const field = el("input", { id: "effect-name", list: "effect-names", autocomplet
 
 function adding() {
   // the stairs stay in their place: what is taken out and put back does not move
-  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, barNames, underStairs);
+  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, barNames, barsWorse, underStairs);
   const box = underStairs;
   box.replaceChildren();
-  stairs.hidden = barNames.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
+  stairs.hidden = barNames.hidden = barsWorse.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
   if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
