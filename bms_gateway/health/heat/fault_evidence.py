@@ -65,7 +65,7 @@ SIZE = {
 """Prior sd of the amplitudes."""
 LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
-LIKELY_LN, NEAR_LN = 5.0, 6.0
+LIKELY_LN, NEAR_LN = 5.0, 24.0
 """ln evidence from which on the likeliest onset of a fault is kept, and distance from the likeliest fault up to which:
 one fault is told from another only if both are tried since when they would have begun."""
 SLOPE_S = 600.0

@@ -54,8 +54,8 @@ off looks like heat."""
 SIZE_SD = 0.2
 """Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
 GROUP, TEMPERED = 2, 8.0
-"""Largest distance, in cells, between two cells that heat may belong to; and the divisor of the ln evidence between
-them."""
+"""Largest distance, in cells, between two cells that heat may belong to; and the least divisor of the ln evidence
+between them: what a wrong R_cc adds to it grows with the square of its error and with the evidence itself."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
@@ -322,7 +322,7 @@ class Verdict:
         """Shift the states by heat that is in a cell or in a neighbour of it: one sensor hardly distinguishes these.
 
         The cells of the group are merged by their moments. The evidence between them depends on R_cc, which is known
-        to some tens of per cent only; it is therefore reduced.
+        to some tens of per cent only (`TEMPERED`).
 
         Returns
         -------
@@ -337,7 +337,8 @@ class Verdict:
             for j in np.flatnonzero(e.kinds == Kind.HEAT).tolist()
             if f.at.seen[s, e.place[j]] and abs(int(cells[e.place[j]]) - best) <= GROUP and np.isfinite(ln[j])
         ]
-        chance = np.exp((ln[group] - ln[fault]) / TEMPERED)
+        tempered = TEMPERED + float(f.usual.beside_sd[s] ** 2 * ln[fault])
+        chance = np.exp((ln[group] - ln[fault]) / tempered)
         chance /= chance.sum()
         onsets = [int(w.ln[s, :, j].argmax()) for j in group]
         along = np.array([e.moved(s, o, j) for o, j in zip(onsets, group, strict=True)])
