@@ -30,6 +30,7 @@ from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.proven import known, may_be_else, may_be_heat, proven, watched
 from bms_gateway.health.heat.sentences import others, sentence
+from bms_gateway.health.heat.shared_heat import share_out
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
@@ -51,11 +52,6 @@ LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
 share holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
 several times its usual heat. Without a measured inlet only heat at rest is a fault, because cooling that is switched
 off looks like heat."""
-SIZE_SD = 0.2
-"""Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
-GROUP, TEMPERED = 2, 8.0
-"""Largest distance, in cells, between two cells that heat may belong to; and the least divisor of the ln evidence
-between them: what a wrong R_cc adds to it grows with the square of its error and with the evidence itself."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
@@ -263,7 +259,7 @@ class Verdict:
         if again is not None:
             return self._accept(again, int(w.ln[s, :, again].argmax()), w, share, sure, now_ns)
         age_s = float(self.evidence.ages(s)[onset])
-        places = self._share_out(fault, w) if kind is Kind.HEAT else (place,)
+        places = share_out(f, self.evidence, self.course, s, w, fault) if kind is Kind.HEAT else (place,)
         if kind is not Kind.HEAT:
             f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
         self.evidence.forget(s)
@@ -317,44 +313,6 @@ class Verdict:
         new.code, new.size = "inlet", off
         far = abs(off) > INLET_OFF and abs(off) > INLET_SURE * sd
         return bool(still or far) and not any(g.code == new.code for g in self.findings)
-
-    def _share_out(self, fault: int, w: Weighed) -> tuple[int, ...]:
-        """Shift the states by heat that is in a cell or in a neighbour of it: one sensor hardly distinguishes these.
-
-        The cells of the group are merged by their moments. The evidence between them depends on R_cc, which is known
-        to some tens of per cent only (`TEMPERED`).
-
-        Returns
-        -------
-        tuple of int
-            Indices, among the observed cells, of the cells that the heat may be in.
-        """
-        s, f, e = self.s, self.of, self.evidence
-        cells, best = f.at.told[s], int(f.at.told[s, e.place[fault]])
-        ln = w.ln[s].max(axis=0)
-        group = [
-            j
-            for j in np.flatnonzero(e.kinds == Kind.HEAT).tolist()
-            if f.at.seen[s, e.place[j]] and abs(int(cells[e.place[j]]) - best) <= GROUP and np.isfinite(ln[j])
-        ]
-        tempered = TEMPERED + float(f.usual.beside_sd[s] ** 2 * ln[fault])
-        chance = np.exp((ln[group] - ln[fault]) / tempered)
-        chance /= chance.sum()
-        onsets = [int(w.ln[s, :, j].argmax()) for j in group]
-        along = np.array([e.moved(s, o, j) for o, j in zip(onsets, group, strict=True)])
-        amplitude = np.array([w.amplitude[s, o, j] for o, j in zip(onsets, group, strict=True)])
-        var = np.array([w.var[s, o, j] for o, j in zip(onsets, group, strict=True)])
-        moves = along * amplitude[:, None]
-        mean = chance @ moves
-        off = moves - mean
-        f.z[s] += mean
-        f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
-        h = f.at.heat.start + e.place[group]
-        f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
-        if f.usual.alone[s]:  # few thermocouples let the common states follow the heat: set these back
-            f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
-            f.z[s, f.at.flow] = self.course.film[s]  # mean of the last hour: slow heat shifts it before the onset
-        return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _followed(self, now_ns: int) -> list[Finding]:
         """Update the findings; return those that have ended."""
