@@ -5,6 +5,7 @@ the guest of `tests/canvm`) a missing `vcan0` is a failure: tests that are never
 """
 
 import gc
+import logging
 import os
 import socket
 import sys
@@ -93,3 +94,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             if required():
                 pytest.fail(why, pytrace=False)
             pytest.skip(why)
+
+
+@pytest.fixture(autouse=True)
+def _log_as_before():
+    """A command that a test runs in this process sets the package's logger up: the next test finds it as it was."""
+    logger = logging.getLogger("bms_gateway")
+    before = logger.handlers[:], logger.level, logger.propagate
+    yield
+    for handler in logger.handlers:
+        if handler not in before[0]:
+            handler.close()
+    logger.handlers[:], logger.propagate = before[0], before[2]
+    logger.setLevel(before[1])

@@ -213,7 +213,7 @@ class Watch:
             text = f"{counted(lost, 'frame')} lost in the kernel: {why}"
             yield Condition("loss", Severity.WARNING, text, settled=True)
         if others := self._impostors.update(counters.impostors, now_s):
-            text = f"{others} frames with identifiers of this node came from another sender: find it"
+            text = f"{counted(others, 'frame')} with identifiers of this node came from another sender: find it"
             yield Condition("impostor", Severity.ALARM, text, settled=True)
 
     def _tell(self, change: Change) -> None:

@@ -1,4 +1,4 @@
-"""A string of sixty cells, each with a thermocouple, an hour at 1 Hz: time and memory of its diagnosis and report."""
+"""A string of sixty cells, each with a thermocouple, an hour at 1 Hz: verdict, memory and size of its report."""
 
 import json
 import os
@@ -9,25 +9,26 @@ import pytest
 
 from tests.truth.hidden import Scenario, make_log
 
-CPU_S, PEAK_MIB = 90.0, 1_500.0
-"""Measured: 65 s and 1,193 MiB beside other work, which slows the processor; before, minutes and 11 GB."""
+PEAK_MIB, REPORT_BYTES = 1_500.0, 2_000_000
+"""Measured: 1,193 MiB, in 65 s of CPU."""
 RUN = """
-import json, sys, time
+import json, sys
 from bms_gateway.cli.main import main
 from tests.memory import peak_mib
 try:
     status = main(sys.argv[1:])
 except SystemExit as e:
     status = e.code
-print(json.dumps({"status": status, "cpu_s": time.process_time(), "peak_mib": peak_mib()}), file=sys.stderr)
+print(json.dumps({"status": status, "peak_mib": peak_mib()}), file=sys.stderr)
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", ["entropic_heat"])
-def test_a_long_string_is_diagnosed_in_little_time_and_memory(tmp_path, hidden):
-    """The report took 11 GB and minutes: of each heat, test and refit the columns of all readings were kept."""
-    log = make_log(Scenario({hidden: ("strong", None)}, cells=60, sensors=tuple(range(1, 61)), seed=5))
+@pytest.mark.parametrize("hidden", [["entropic_heat"], []])
+def test_a_long_string_is_diagnosed_in_little_memory(tmp_path, hidden):
+    """Its readings resolve a millikelvin, which no model is exact to: with nothing hidden, nothing is named."""
+    effects = dict.fromkeys(hidden, ("strong", None))
+    log = make_log(Scenario(effects, cells=60, sensors=tuple(range(1, 61)), seed=5))
     log.write_csv(tmp_path / "drive.csv")
     (tmp_path / "model.toml").write_text(log.model)
     words = ["diagnose", "drive.csv", "--model", "model.toml", "--json", "d.json", "--html", "d.html"]
@@ -38,7 +39,7 @@ def test_a_long_string_is_diagnosed_in_little_time_and_memory(tmp_path, hidden):
     took = json.loads(done.stderr.splitlines()[-1])
     assert took["status"] == 0, done.stderr
     said = json.loads((tmp_path / "d.json").read_text())
-    assert [s["effect"] for s in said["selected"]] == [hidden]
-    assert said["verdict"] == "missing_effect"
+    assert [s["effect"] for s in said["selected"]] == hidden
+    assert said["verdict"] == ("missing_effect" if hidden else "adequate")
     assert took["peak_mib"] < PEAK_MIB
-    assert took["cpu_s"] < CPU_S
+    assert (tmp_path / "d.html").stat().st_size < REPORT_BYTES

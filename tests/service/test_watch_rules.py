@@ -60,7 +60,8 @@ def test_frames_lost_or_foreign_stay_told_for_a_minute_after_the_last_and_their_
         assert set(found) == {names[counter] for counter in last if spell[counter]}
         for counter, name in names.items():
             if name in found:
-                assert found[name].text.startswith(f"{spell[counter]} frames ")
+                frames = "frame" if spell[counter] == 1 else "frames"
+                assert found[name].text.startswith(f"{spell[counter]} {frames} ")
                 assert found[name].settled  # told at once, though it lasts no time
     assert EVENT_S == 60.0
 

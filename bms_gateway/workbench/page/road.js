@@ -29,6 +29,7 @@ export function prepare() {
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
       columns: columns.said(), each: columns.each() });
     uploadsOpened();
+    replaced = [];
     unkept();
   }));
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
@@ -84,7 +85,7 @@ function apart(files) {
 }
 
 // What this browser does not keep is said as long as it is so.
-let replaced = []; // names of files of the last upload that took the place of others
+let replaced = []; // names of files of the last upload that took the place of others, until they are opened
 export function unkept() {
   const told = lacking(), anew = changed().join(", "), other = replaced.filter((name) => !changed().includes(name)).join(", ");
   $("unkept").hidden = !told && !anew && !other;
