@@ -3,6 +3,7 @@
 import argparse
 import os
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -166,7 +167,8 @@ def _tell_guesses(guesses: "list[Guess]", out: Path, args: argparse.Namespace) -
     say(text_table(["guess", "where", "scale, offset", "why"], rows, left=4), args.json)
     logs = " ".join(str(p) for p in args.log)
     say(f"{out / GUESSED}: written. Hold it against a clamp meter and a thermometer, correct it, then:", args.json)
-    say(f"  bms-gateway init {logs} --dbc {out / GUESSED} --out {out}", args.json)
+    cell = f" --cell {shlex.quote(args.cell)}" if args.cell is not None else ""
+    say(f"  bms-gateway init {logs} --dbc {out / GUESSED}{cell} --out {out}", args.json)
 
 
 def _asks(args: argparse.Namespace) -> bool:

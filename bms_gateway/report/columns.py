@@ -220,7 +220,7 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
         unit = split_unit(bare)[1] or units.get(bare) or _tail(bare, quantity)
         factors = _unit(quantity, unit) if unit else None
         if unit and factors is None and _ELSE.fullmatch(unit):
-            raise _no_unit(path, bare, unit, quantity, ours)
+            raise _no_unit(path, bare, unit, quantity, ours, column.removesuffix(bare))
         if not unit and quantity == "temperature" and re.fullmatch(r".*\s[FK]", bare):
             letter = bare[-1]
             raise DataError(
@@ -235,7 +235,7 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
             return Column(base, date=unit)
         factors = _unit(quantity, unit)
         if factors is None:
-            raise _no_unit(path, base, unit, quantity, ours)
+            raise _no_unit(path, base, unit, quantity, ours, sign)
         return Column(sign + base, *factors, unit)
     hint = ""
     if ours == INLET:
@@ -319,9 +319,9 @@ def _unit(quantity: str, unit: str) -> tuple[float, float] | None:
     return near.pop() if len(near) == 1 else None
 
 
-def _no_unit(path: object, column: str, unit: str, quantity: str, ours: str) -> DataError:
+def _no_unit(path: object, column: str, unit: str, quantity: str, ours: str, sign: str = "") -> DataError:
     valid = list(UNITS[quantity])
     return DataError(
         f"{path}: column {column!r} for {ours}: {unit!r} is no unit of it{did_you_mean(unit, valid[:8])} "
-        f"(say it: --columns '{ours}={column} [{OWN[quantity]}]')"
+        f"(say it: --columns '{ours}={sign}{column} [{OWN[quantity]}]')"
     )

@@ -217,9 +217,10 @@ def _among(
             unmarked.setdefault(m.database, []).append((m.name, there[0] & 0xFF))
         if there and m.any_sender:
             chosen[m.name] = _at(m, there[0])
-            more = f" (and by {len(there) - 1} more)" if len(there) > 1 else ""
+            more = ", ".join(f"0x{i & 0xFF:02X}" for i in there[1:])
+            others = f" (and from {more}: `[bus] source_address` in gateway.toml chooses)" if more else ""
             remarks.append(
-                f"{m.name}: its parameter group comes from address 0x{there[0] & 0xFF:02X}{more}, "
+                f"{m.name}: its parameter group comes from address 0x{there[0] & 0xFF:02X}{others}, "
                 f"not from 0x{m.can_id & 0xFF:02X} as in the DBC"
             )
     at_home = Counter(m.database for m in chosen.values() if m.can_id & EXTENDED)

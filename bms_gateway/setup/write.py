@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
+from bms_gateway.setup.capacity_shown import UNLIKE, capacity_shown
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
 from bms_gateway.setup.signal_words import of_liquid
@@ -26,6 +28,7 @@ from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_pa
 from bms_gateway.thermal.cells.facts import Cooling
 from bms_gateway.whole import whole_text
 
+_PARALLEL: Final = re.compile(r"\d+p", re.IGNORECASE)
 UNKNOWN_CELL: Final = "21700"
 """Format of an unknown cell: a round one of medium size."""
 FLAT_CELL: Final = (0.148, 0.091, 0.027)
@@ -120,8 +123,26 @@ def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], li
 
 
 def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[CellFacts, float | None]:
-    """Say how many cells side by side are one of the model, by their resistance, which comes second where measured."""
+    """Say how many cells side by side are one of the model; their resistance, where it is measured, comes second.
+
+    What `--cell` says is obeyed. Otherwise the charge by current and SOC tells the number, and only then resistance.
+    """
     told = cell_of(UNKNOWN_CELL) if cell is None else cell
+    said = any(_PARALLEL.fullmatch(word) for word in told.name.split())
+    shown = None if cell is None or cell.capacity_Ah is None else capacity_shown(proposal)
+    if shown is not None and not said and shown > UNLIKE * (told.capacity_Ah or 0.0):
+        count = min(max(round(shown / (told.capacity_Ah or 1.0)), 2), 200)
+        notes.append(
+            f"current and SOC give {shown:.3g} Ah: taken for {count} {told.name} in parallel; "
+            f"--cell '… {count}p' says how many"
+        )
+        told = replace(told, parallel=count)
+    has = told.parallel * (told.capacity_Ah or 0.0)
+    if shown is not None and not 1.0 / UNLIKE < shown / has < UNLIKE:
+        notes.append(
+            f"current and SOC give {shown:.3g} Ah, the cell{f', {told.parallel} in parallel,' * (told.parallel > 1)} "
+            f"has {has:.3g} Ah: the scale or the offset of the current is wrong, or it is another cell"
+        )
     per_cell = None
     if proposal.resistance is not None and proposal.series_cells:
         per_cell = FROM_STEPS * proposal.resistance / proposal.series_cells
@@ -130,14 +151,14 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
             notes.append("the log does not show the resistance of the cells: name the cell with --cell")
         return told, None
     one = 0.035 if cell is None else stated_parameters(replace(told, parallel=1))["R_e"].value
-    if told.parallel == 1 and one / per_cell > 1.7:
+    if told.parallel == 1 and not said and shown is None and one / per_cell > 1.7:
         count = min(max(round(one / per_cell), 2), 200)
-        told = replace(told, parallel=count)
         what = "cells like a 21700" if cell is None else told.name
         notes.append(
             f"voltage and current give {1e3 * per_cell:.2g} mΩ per cell in series: taken for {count} {what} "
-            f"in parallel; --cell '… {count}p' says how many"
+            f"in parallel; --cell '… 1p' or '… {count}p' says how many"
         )
+        told = replace(told, parallel=count)
     elif per_cell / (one / told.parallel) > 3.0 or per_cell / (one / told.parallel) < 0.33:
         notes.append(
             f"voltage and current give {1e3 * per_cell:.2g} mΩ per cell in series, {told.name} would have "

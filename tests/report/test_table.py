@@ -279,3 +279,10 @@ def test_how_far_it_is_goes_from_nothing_to_all(tmp_path, monkeypatch, name):
     assert len(told) > 2
     assert told == sorted(told)
     assert told[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("given", "sign"), [("-current_A [furlong]", "-"), ("current_A [furlong]", "")])
+def test_the_words_that_are_told_turn_a_current_as_the_user_did(tmp_path, given, sign):
+    """The minus was lost, and whoever followed the words turned the current."""
+    with pytest.raises(DataError, match=rf"--columns 'current_A={sign}current_A \[A\]'"):
+        read_table(put(tmp_path, GOOD), parse_columns([f"current_A={given}"]))

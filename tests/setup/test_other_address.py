@@ -63,3 +63,12 @@ def test_another_address_is_not_called_a_fault_of_the_dbc(tmp_path, capsys) -> N
     assert status == 1
     assert "HVESS_Data: its parameter group comes from address 0x56, not from 0xF3 as in the DBC" in said.err
     assert "no signal is a temperature of cells: nothing was written; is it in another DBC or log?" in said.out
+
+
+def test_every_address_of_a_group_is_named(tmp_path, capsys) -> None:
+    log, dbc = write(truck(), tmp_path)
+    lines = log.read_text().splitlines(True)
+    second = [line.replace("18F1D056#", "18F1D027#") for line in lines if "18F1D056#" in line][::2]
+    log.write_text("".join(sorted([*lines, *second], key=lambda line: float(line[1 : line.index(")")]))))
+    _, said = init(log, dbc, tmp_path / "v", capsys)
+    assert "comes from address 0x56 (and from 0x27: `[bus] source_address` in gateway.toml chooses)" in said.err

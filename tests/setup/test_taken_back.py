@@ -82,10 +82,11 @@ def test_a_guess_is_taken_back(stopped_at, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_config_is_not_kept_again_where_nothing_is_written(tmp_path):
+def test_a_config_is_not_kept_again_where_nothing_is_written(tmp_path, capsys):
     (tmp_path / "gateway.toml").write_text("# mine")
-    assert main(["init", str(LOG), "--out", str(tmp_path), "--yes"]) == 1
+    assert main(["init", str(LOG), "--cell", "21700 5Ah 2p", "--out", str(tmp_path), "--yes"]) == 1
     assert {p.name for p in tmp_path.iterdir()} == {"gateway.toml", "guessed.dbc"}
+    assert "guessed.dbc --cell '21700 5Ah 2p' --out" in capsys.readouterr().out  # the next command knows the cell too
 
 
 def swallow(folder):

@@ -2,13 +2,16 @@
 
 import csv
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, shipped
 from bms_gateway.config.model_file import read_model
-from bms_gateway.setup.proposal import Proposal
+from bms_gateway.setup.capacity_shown import capacity_shown
+from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.write import lump, unknown_priors
 from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.cells import cell_of, cell_priors
@@ -25,6 +28,46 @@ def test_cells_in_parallel_that_are_told_are_believed(parallel: int) -> None:
     assert notes == []
     assert lumped.parallel == parallel
     assert per_cell == pytest.approx(1.2 * 0.025 / parallel)
+
+
+def of_a_pack(capacity_Ah: float, *, turned: float = 1.0, swing: float = 0.4) -> list[Proposed]:
+    """Current in steps of a minute and an SOC that counts it, of an hour; the DBC's current is in units of 0.1 A."""
+    rng = np.random.default_rng(7)
+    amps = np.repeat(rng.uniform(0.0, 2.0, 60), 60) * swing * capacity_Ah
+    soc = 0.9 - np.concatenate([[0.0], np.cumsum(amps[:-1])]) / 3600.0 / capacity_Ah
+    t = np.arange(3600.0)
+    sent = SimpleNamespace(t=t, x=10.0 * turned * amps), SimpleNamespace(t=t[::10], x=np.round(100.0 * soc[::10], 1))
+    return [Proposed("current", sent[0], factor=0.1 * turned), Proposed("soc", sent[1], factor=0.01)]
+
+
+@pytest.mark.parametrize("words", ["prismatic 173x125x45 105Ah 2000g 0.95mOhm 1p", "sdi_94ah plate 1p"])
+def test_one_cell_in_parallel_that_is_said_stays_one_whatever_the_resistance(words: str) -> None:
+    """A resistance of half of the usual one made two cells of it, and cores 3 K too cold."""
+    notes: list[str] = []
+    lumped, _ = lump(Proposal(series_cells=96, resistance=96 * 0.45e-3), cell_of(words), notes)
+    assert lumped.parallel == 1
+    assert notes == []
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_charge_tells_how_many_cells_are_side_by_side(count: int, turned: float) -> None:
+    measured = Proposal(of_a_pack(94.0 * count, turned=turned), series_cells=96, resistance=96 * 0.35e-3)
+    assert capacity_shown(measured) == pytest.approx(94.0 * count, rel=0.01)
+    notes: list[str] = []
+    lumped, _ = lump(measured, cell_of("sdi_94ah plate"), notes)
+    assert lumped.parallel == count
+    assert [("taken for" in note, f"{count} sdi_94ah" in note) for note in notes] == [(True, True)] * (count > 1)
+
+
+def test_a_charge_that_is_not_theirs_is_told_and_a_small_one_tells_nothing() -> None:
+    """A current of ten times the size was blamed on the cell."""
+    notes: list[str] = []
+    lump(Proposal(of_a_pack(294.0)), cell_of("21700 4.9Ah 69g 29mOhm 6p"), notes)
+    assert len(notes) == 1
+    assert "current and SOC give 294 Ah, the cell, 6 in parallel, has 29.4 Ah: the scale" in notes[0]
+    assert capacity_shown(Proposal(of_a_pack(50.0, swing=0.05))) is None
+    assert capacity_shown(Proposal(of_a_pack(50.0)[:1])) is None
 
 
 def test_a_resistance_that_is_not_theirs_is_told() -> None:
