@@ -201,8 +201,8 @@ def test_a_dropped_log_and_its_dbc_go_the_way_of_init(window, url):
     compared(page)
     assert "readings of cells 1, 2, 3, 4" in page.text("#opened")
     page.click("#notes summary")
-    assert "current: BMS_PackStatus.PackCurrent" in page.text("#notes")
-    assert "The cell is unknown" in page.text("#notes")
+    assert "Current: BMS_PackStatus.PackCurrent" in page.text("#notes")
+    assert "he cell is unknown" in page.text("#notes")
     assert page.complaints() == []
 
 

@@ -40,6 +40,9 @@ FOUND_STEPS = 60
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
 the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
+DRIVEN_FIRST, DRIVEN_S = 16.0, 900.0
+"""The same first value while a current warms the cells, and the time of warming in which it fades: no rest has shown
+how unlike the cells are then."""
 POOR_LN, POOR_K = 10.0, 1.2
 """Such a mean, or an offset of a thermocouple in use that none of class 1 has and that no jump explains, above which a
 thermocouple that drifts or lags, and films that are lost slowly, are not told: the model lacks more than they would
@@ -81,6 +84,8 @@ class Course:
         The string has too few sensors whose readings are used.
     unlike : ndarray of bool (S,)
         A thermocouple in use is further off the others than any is by itself.
+    driven : ndarray (S,), s
+        Time for which the current has warmed the cells.
     """
 
     constant_inlet: Bools
@@ -97,6 +102,7 @@ class Course:
     alone: Bools
     few: Bools
     unlike: Bools
+    driven: Floats
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -121,13 +127,16 @@ class Course:
             f.usual.alone,
             f.usual.alone,
             no_flag,
+            np.zeros(S),
         )
 
     @property
     def doubt(self) -> Floats:
         """What evidence (S,) is divided by."""
         vague = self.few | self.constant_inlet
-        return np.asarray(np.maximum(1.0, self.ln / USUAL_LN) * np.where(vague, VAGUE_DOUBT, 1.0))
+        first = np.where(self.warms, DRIVEN_FIRST * np.exp(-self.driven / DRIVEN_S), 0.0)
+        usual = np.maximum(self.ln, first)
+        return np.asarray(np.maximum(1.0, usual / USUAL_LN) * np.where(vague, VAGUE_DOUBT, 1.0))
 
     @property
     def warms(self) -> Bools:
@@ -174,6 +183,7 @@ class Course:
         real = heat * np.maximum(1.0, made)[:, None]
         self.load = self.load + (real - self.load) * min(1.0, dt / 600.0)
         self.warmed = (self.warmed + heat.mean(axis=1) * dt / f.balances.C.mean(axis=1)) * exp(-dt / 120.0)
+        self.driven = self.driven + dt * self.warms
         step = np.abs(inlet - self.inlet)
         still = step == 0.0
         self.frozen = np.where(still | (self.frozen < 0), self.frozen + 1, 0)
