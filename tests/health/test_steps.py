@@ -4,12 +4,14 @@ from math import gcd
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bms_gateway.health.heat.thermocouples import SAME, Thermocouples, finer
 
 
+@example(7713, 0.01, 3.0)  # Euclid's errors grew until a step of 0.002 was found
+@example(332, 0.01, 3.0)
 @given(st.integers(0, 10_000), st.sampled_from([0.01, 0.1, 0.25, 0.5, 1.0]), st.sampled_from([0.02, 0.3, 3.0]))
 def test_steps_are_what_all_readings_that_were_asked_about_have_in_common(seed, step, noise) -> None:
     rng = np.random.default_rng(seed)

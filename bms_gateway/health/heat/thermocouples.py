@@ -161,7 +161,13 @@ def finer(step: Floats, x: Floats, asked: NDArray[np.bool_]) -> Floats:
     known = np.isfinite(step) & (step > SAME)
     of = np.where(known, step, 1.0)
     divided = known & (np.abs(x - of * np.rint(x / of)) < SAME)
-    return step if divided[asked].all() else np.where(asked, common_divisor(step, x), step)
+    if divided[asked].all():
+        return step
+    found = common_divisor(step, x)
+    times = np.rint(np.where(found > SAME, x / np.where(found > SAME, found, 1.0), 0.0))
+    # each round of Euclid multiplies the error of the last: the reading itself is exact
+    exact = np.where(times != 0.0, x / np.where(times != 0.0, times, 1.0), found)
+    return np.where(asked, exact, step)
 
 
 def common_divisor(a: Floats, b: Floats) -> Floats:
