@@ -5,15 +5,17 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_band import BAND_SD
 from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
 SEEN, USUAL = 0.5, 5.0
 """Per cent of the readings outside the band below which none is told, and up to which the band allows them."""
-UNKNOWN_K = 12.0
-"""Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a value as not available."""
+UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
+"""Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 OUTSIDE = 0.1
 """Share of a core thermocouple's readings outside the 95 % band above which the band is wrong: twice the share that is
 expected outside. The error of a model is nearly constant over minutes, so the share itself scatters."""

@@ -129,20 +129,9 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
     """
     told = cell_of(UNKNOWN_CELL) if cell is None else cell
     said = any(_PARALLEL.fullmatch(word) for word in told.name.split())
-    shown = None if cell is None or cell.capacity_Ah is None else capacity_shown(proposal)
-    if shown is not None and not said and shown > UNLIKE * (told.capacity_Ah or 0.0):
-        count = min(max(round(shown / (told.capacity_Ah or 1.0)), 2), 200)
-        notes.append(
-            f"current and SOC give {shown:.3g} Ah: taken for {count} {told.name} in parallel; "
-            f"--cell '… {count}p' says how many"
-        )
-        told = replace(told, parallel=count)
-    has = told.parallel * (told.capacity_Ah or 0.0)
-    if shown is not None and not 1.0 / UNLIKE < shown / has < UNLIKE:
-        notes.append(
-            f"current and SOC give {shown:.3g} Ah, the cell{f', {told.parallel} in parallel,' * (told.parallel > 1)} "
-            f"has {has:.3g} Ah: the scale or the offset of the current is wrong, or it is another cell"
-        )
+    shown = None if cell is None else capacity_shown(proposal)
+    if shown is not None and told.capacity_Ah is not None:
+        told, said = _by_charge(told, told.capacity_Ah, shown, said, notes), True
     per_cell = None
     if proposal.resistance is not None and proposal.series_cells:
         per_cell = FROM_STEPS * proposal.resistance / proposal.series_cells
@@ -151,7 +140,7 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
             notes.append("the log does not show the resistance of the cells: name the cell with --cell")
         return told, None
     one = 0.035 if cell is None else stated_parameters(replace(told, parallel=1))["R_e"].value
-    if told.parallel == 1 and not said and shown is None and one / per_cell > 1.7:
+    if told.parallel == 1 and not said and one / per_cell > 1.7:
         count = min(max(round(one / per_cell), 2), 200)
         what = "cells like a 21700" if cell is None else told.name
         notes.append(
@@ -165,6 +154,24 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
             f"{1e3 * one / told.parallel:.2g} mΩ: is it this cell, and so many in parallel?"
         )
     return told, per_cell
+
+
+def _by_charge(cell: CellFacts, one_Ah: float, shown_Ah: float, said: bool, notes: list[str]) -> CellFacts:
+    """Count cells side by side by the capacity that the log shows, unless it is said; tell a contradiction."""
+    if not said and shown_Ah > UNLIKE * one_Ah:
+        cell = replace(cell, parallel=min(max(round(shown_Ah / one_Ah), 2), 200))
+        notes.append(
+            f"current and SOC give {shown_Ah:.3g} Ah: taken for {cell.parallel} {cell.name} in parallel; "
+            f"--cell '… {cell.parallel}p' says how many"
+        )
+    has_Ah = cell.parallel * one_Ah
+    if not 1.0 / UNLIKE < shown_Ah / has_Ah < UNLIKE:
+        which = f"the cell, {cell.parallel} in parallel," if cell.parallel > 1 else "the cell"
+        notes.append(
+            f"current and SOC give {shown_Ah:.3g} Ah, {which} has {has_Ah:.3g} Ah: "
+            "the scale or the offset of the current is wrong, or it is another cell"
+        )
+    return cell
 
 
 def _model(

@@ -154,12 +154,13 @@ def thermocouple(check: CoreCheck) -> Document:
 
 
 def stair(e: Errors, core_K: float) -> Document:
-    """Give one step of the staircase: errors and half width of the least certain core, K."""
+    """Give one step of the staircase: errors, and half width of the least certain core, K, and whether it is given."""
     return {
         "trained_K": finite(e.train_rmse_K),
         "held_K": finite(e.heldout_rmse_K),
         "floor_K": finite(e.noise_floor_K),
         "core_K": finite(core_K),
+        "core_known": core_K <= UNKNOWN_K,
     }
 
 

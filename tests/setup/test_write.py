@@ -68,6 +68,10 @@ def test_a_charge_that_is_not_theirs_is_told_and_a_small_one_tells_nothing() -> 
     assert "current and SOC give 294 Ah, the cell, 6 in parallel, has 29.4 Ah: the scale" in notes[0]
     assert capacity_shown(Proposal(of_a_pack(50.0, swing=0.05))) is None
     assert capacity_shown(Proposal(of_a_pack(50.0)[:1])) is None
+    current, soc = of_a_pack(50.0)
+    for seen in (current.series, soc.series):  # half an hour of which nobody recorded the current
+        seen.t = np.where(seen.t > 1200.0, seen.t + 1800.0, seen.t)
+    assert capacity_shown(Proposal([current, soc])) is None
 
 
 def test_a_resistance_that_is_not_theirs_is_told() -> None:

@@ -34,7 +34,8 @@ def test_a_tap_and_the_keys_show_what_a_pointer_shows(window, axe, tmp_path):
         page.wait("return document.querySelector('#cell-3').getAttribute('aria-pressed') === 'true'")
         told = page.text("#cell-told")
         assert told.startswith("Cell 3: error ")
-        assert "; core not known (± " in told  # the model lacks an effect: known to no better than 12 K
+        assert "; core up to " in told
+        assert told.endswith("(95 %)")
         assert told.lower() == page.run("return document.querySelector('#cell-3').title").lower()
 
         assert page.run(TOLD).startswith("Tap a value")

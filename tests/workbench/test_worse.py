@@ -18,7 +18,7 @@ return own.filter(t => t.mode === 'lines' && t.x.length > 2).map(t => t.name);
 
 def test_a_refit_that_is_worse_is_red_and_its_core_is_no_answer(window, axe, tmp_path):
     """The bars, tiles and curves showed a core to ± 26 K as they show one that is known."""
-    pack = make_pack(tmp_path, effect="coolant_delay")  # the fit follows it less closely than the file does
+    pack = make_pack(tmp_path, effect="phase_change")  # the fit follows it less closely than the file does
     with served(tmp_path, *pack.words) as url:
         page = window(url)
         seen_compared(page)

@@ -108,26 +108,22 @@ class Course:
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
         """Begin with the strings of a filter."""
         S, n = f.at.strings, f.at.cells
-        no, unknown = np.zeros(S, np.int64), np.full(S, np.nan)
-        fixed = np.array(constant_inlet, np.bool_)
-        no_flag, fine = np.zeros(S, np.bool_), np.zeros((S, f.at.sensed))
-        ln = np.full(S, USUAL_FIRST)
         return cls(
-            fixed,
-            np.zeros((S, n)),
-            np.zeros(S),
-            no,
-            no,
-            np.zeros(S),
-            unknown,
-            no_flag,
-            unknown,
-            fine,
-            ln,
-            f.usual.alone,
-            f.usual.alone,
-            no_flag,
-            np.zeros(S),
+            constant_inlet=np.array(constant_inlet, np.bool_),
+            load=np.zeros((S, n)),
+            warmed=np.zeros(S),
+            frozen=np.zeros(S, np.int64),
+            leapt=np.zeros(S, np.int64),
+            frozen_at=np.zeros(S),
+            film=np.full(S, np.nan),
+            cooling=np.zeros(S, np.bool_),
+            inlet=np.full(S, np.nan),
+            fine=np.zeros((S, f.at.sensed)),
+            ln=np.full(S, USUAL_FIRST),
+            alone=f.usual.alone,
+            few=f.usual.alone,
+            unlike=np.zeros(S, np.bool_),
+            driven=np.zeros(S),
         )
 
     @property

@@ -298,9 +298,7 @@ export function add(keys, force = false) {
 
 const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"], ["core_K", "core, 95 % half width"]];
 
-// A core with a wider band is not given: the gateway sends such a value as not available.
-const UNKNOWN_K = 12;
-const unknown = (s) => s.stair?.core_K > UNKNOWN_K;
+const unknown = (s) => s.stair?.core_known === false;
 
 // The models so far, and behind them the one that is being fitted or was refused.
 function steps() {
@@ -329,7 +327,7 @@ function climb() {
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
     const top = Math.max(...values, floor ?? 0) || 1;
     const [caption, bars] = stairs.children[i].children;
-    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" && all.some(unknown) ? `; ?: more than ${UNKNOWN_K}, not known` : ""}`;
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" && all.some(unknown) ? "; ?: not known" : ""}`;
     bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${v === null && kind === "core_K" && unknown(all[j]) ? "not known" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
