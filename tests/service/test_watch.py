@@ -113,7 +113,7 @@ def test_lost_and_foreign_frames_stay_an_alert_for_a_minute_and_are_added_up():
     pack.port.counters.dropped = 9
     assert pack.drive(1).startswith("WARNING: 9 frames lost in the kernel")
     pack.port.counters.impostors = 1
-    assert pack.drive(1).startswith("ALARM: 1 frames with identifiers of this node")
+    assert pack.drive(1).startswith("ALARM: 1 frame with identifiers of this node")
     now = float(pack.start + pack.at)
     pack.watch.look(now + 57)
     assert pack.watch.alerts.severity is Severity.ALARM
