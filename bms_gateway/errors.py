@@ -62,6 +62,10 @@ class StateError(GatewayError):
     """A stored state is corrupt, foreign or too new; it is set aside, the service goes on without it."""
 
 
+class OtherStatesError(StateError):
+    """Stored temperatures are those of another form of the observer, as another version of the program has it."""
+
+
 class MissingExtraError(GatewayError):
     """A command needs an optional package.
 
@@ -95,13 +99,13 @@ def clipped(text: str, most: int) -> str:
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Write how many there are of something, in the number that it has.
+    """Write a count with its noun, singular or plural.
 
     Parameters
     ----------
     count : int
     one, many : str
-        What one of them and several are called; several have an s at the end where nothing is said.
+        Singular and plural of the noun; without `many`, the plural is the singular with an s.
 
     Examples
     --------

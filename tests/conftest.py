@@ -71,6 +71,19 @@ def why_no_systemd() -> str | None:
     return why_no_vcan()
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Make the further cases of tests with `plain_cases` slow."""
+    counts: dict[str, int] = {}
+    for item in items:
+        marker = item.get_closest_marker("plain_cases")
+        if marker is not None:
+            name = item.nodeid.partition("[")[0]
+            counts[name] = counts.get(name, 0) + 1
+            if counts[name] > marker.args[0]:
+                item.add_marker(pytest.mark.slow)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Half as many workers again as cores: a worker often waits for a process or a clock."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bms_gateway.cli.init import _keep
+from bms_gateway.cli.init import keep
 from bms_gateway.errors import UsageError
 from bms_gateway.report.csv_out import ResultFolder
 from bms_gateway.report.processes import processes
@@ -28,7 +28,7 @@ def test_a_config_is_kept_through_no_link_of_another_user(home, name):
     os.lchown(out / name, OTHER, OTHER)
     os.chown(out, OTHER, OTHER)
     with pytest.raises(UsageError, match="cannot be kept"):
-        _keep(out / "gateway.toml")
+        keep(out / "gateway.toml")
     assert untouched(home)
     assert sorted(p.name for p in out.iterdir()) == sorted({"gateway.toml", name})
 
@@ -36,14 +36,14 @@ def test_a_config_is_kept_through_no_link_of_another_user(home, name):
 def test_a_config_that_is_no_file_is_not_said_to_be_kept(tmp_path):
     os.mkfifo(tmp_path / "gateway.toml")
     with pytest.raises(UsageError, match=r"cannot be kept as gateway\.toml\.bak: it is no file"):
-        _keep(tmp_path / "gateway.toml")
+        keep(tmp_path / "gateway.toml")
     assert not (tmp_path / "gateway.toml.bak").exists()
 
 
 def test_a_kept_config_has_the_mode_of_the_one_it_was(tmp_path):
     (tmp_path / "gateway.toml").write_text("password")
     (tmp_path / "gateway.toml").chmod(0o600)
-    _keep(tmp_path / "gateway.toml")
+    keep(tmp_path / "gateway.toml")
     kept = tmp_path / "gateway.toml.bak"
     assert (kept.read_text(), kept.stat().st_mode & 0o777) == ("password", 0o600)
 

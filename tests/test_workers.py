@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from tests.conftest import pytest_xdist_auto_num_workers
+from tests.conftest import pytest_collection_modifyitems, pytest_xdist_auto_num_workers
 from tests.support.by_file import LONGEST, ByFile
 
 ROOT = Path(__file__).parents[1]
@@ -19,7 +19,8 @@ SHORT = ("tests/frames/test_e2e.py", "tests/frames/test_packed.py", "tests/healt
 PARALLEL = ("-n", "2", "--dist", "loadgroup")
 
 
-@pytest.mark.parametrize("more", [(), PARALLEL, (*PARALLEL, "-p", "tests.support.killed_workers")])
+@pytest.mark.parametrize("more", [(*PARALLEL, "-p", "tests.support.killed_workers"), PARALLEL, ()])
+@pytest.mark.plain_cases(1)
 def test_no_tables_are_left_behind(tmp_path, more):
     env = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "CACHE_DIRECTORY"))}
     env["TMPDIR"] = str(tmp_path)
@@ -89,6 +90,16 @@ def test_files_that_take_longest_are_handed_out_first():
     while by_file.workqueue:
         by_file._assign_work_unit(node)
     assert handed == [3, 1, 0, 2]
+
+
+def test_of_a_test_with_plain_cases_the_further_cases_are_slow():
+    def item(name, plain):
+        return Mock(nodeid=f"tests/test_a.py::{name}", get_closest_marker=lambda _: plain and Mock(args=(plain,)))
+
+    items = [item("one[a]", 2), item("other[a]", None), item("one[b]", 2), item("one[c]", 2), item("other[b]", None)]
+    pytest_collection_modifyitems(items)
+    assert [i.nodeid for i in items if i.add_marker.called] == ["tests/test_a.py::one[c]"]
+    items[3].add_marker.assert_called_once_with(pytest.mark.slow)
 
 
 def test_the_files_that_take_longest_are_there():

@@ -22,7 +22,7 @@ class BoundedBlf(blf.BLFReader):
     """python-can's reader with containers and objects of up to `MOST` bytes."""
 
     def __init__(self, file: BinaryIO) -> None:
-        super().__init__(_Bounded(file))  # type: ignore[arg-type]
+        super().__init__(Bounded(file))  # type: ignore[arg-type]
         self._follows = True
 
     def __iter__(self) -> Generator[can.Message, None, None]:
@@ -35,7 +35,7 @@ class BoundedBlf(blf.BLFReader):
             self.file.read(size % 4)  # padding
             if kind == blf.LOG_CONTAINER:
                 follows, self._follows = self._follows, False
-                data = _unpacked(packed)
+                data = unpacked(packed)
                 if not follows:
                     self._tail = b""
                     data = data[_first(data) :]
@@ -48,18 +48,20 @@ class BoundedBlf(blf.BLFReader):
             raise blf.BLFParseError(f"an object of over {MOST >> 20} MiB")
 
 
-class _Bounded:
+class Bounded:
     """A file from which nothing huge is read at once, whatever a header claims."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
 
     def read(self, size: int) -> bytes:
+        """Read so many bytes, at most `MOST`."""
         if not 0 <= size <= MOST:
             raise blf.BLFParseError(f"a record of {size >> 20} MiB")
         return self._file.read(size)
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
@@ -69,7 +71,8 @@ def _first(data: bytes) -> int:
     return len(data) if at < 0 else at
 
 
-def _unpacked(packed: bytes) -> bytes:
+def unpacked(packed: bytes) -> bytes:
+    """Unpack a container, to at most `MOST` bytes."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(packed)
     data = packed[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:

@@ -21,7 +21,7 @@ Words = NDArray[np.uint64]
 Where = NDArray[np.intp]
 
 PAD: Final = 32  # bytes around a block, so that no word leaves it
-LAYOUTS: Final = 8  # of stamps in one block (number of digits); lines with still others are read one by one
+LAYOUTS: Final = 8  # lengths of stamps in one block (number of digits); lines with further lengths are read one by one
 SHORTEST: Final = 9  # bytes; `(0.0) 0#` has 8, and no name of an interface
 NAMED: Final = 20  # broken lines kept with number and text
 LATEST_S: Final = 9_000_000_000  # year 2255; later seconds do not fit 64 bits of ns
@@ -35,7 +35,7 @@ _LAST_3_BYTES = np.uint64(0xFFFF_FF00_0000_0000)
 
 _INK = np.isin(np.arange(256), list(b" \t\n\r\v\f"), invert=True)
 _STAMP = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) ")
-_LINE = re.compile(
+LINE = re.compile(
     rb"\((?P<s>\d{1,12})(?:\.(?P<fraction>\d{1,9}))?\)\s+\S+\s+(?P<id>[0-9A-Fa-f]{1,8})#"
     rb"(?:(?P<remote>R[0-9A-Fa-f]?)|#[0-9A-Fa-f](?P<fd>(?:[0-9A-Fa-f]{2}){0,64})|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))"
     rb"(?:_[0-9A-Fa-f])?(?:\s+[RT])?\s*"
@@ -120,7 +120,7 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     >>> frames.time_ns[0], frames.can_id[0] == 0x123, frames.data[0, :2].tolist()
     (np.int64(1700000000000123000), np.True_, [170, 187])
     """
-    if text.isspace():  # gibibytes of blank lines must not cost more than their reading
+    if text.isspace():  # nothing is computed for blank lines: a file may hold gibibytes of them
         return FrameBatch.empty(), text.count(b"\n") + (not text.endswith(b"\n"))
     padded = b"\n" * PAD + text + (b"" if text.endswith(b"\n") else b"\n") + b"\n" * PAD
     raw = np.frombuffer(padded, np.uint8)
@@ -128,7 +128,7 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     start = np.concatenate([[PAD], newline[:-1] + 1])
     lines = len(start)
     number = np.arange(first_line, first_line + lines)
-    if (newline - start < SHORTEST).any():  # many to a block, and each costs a hundred bytes below
+    if (newline - start < SHORTEST).any():  # a block holds many blank lines, and each would take a hundred bytes below
         start, newline, number = (x[_filled(raw, start, newline)] for x in (start, newline, number))
         if not len(start):
             return FrameBatch.empty(), lines
@@ -310,7 +310,7 @@ def _read_odd(padded: bytes, start: Where, newline: Where, columns: _Columns, nu
         line = padded[start[i] : newline[i]]
         if not line.strip():
             continue
-        found = _LINE.fullmatch(line)
+        found = LINE.fullmatch(line)
         extended = found is not None and len(found["id"]) > 3
         can_id = int(found["id"], 16) if found else 0
         if found is None or int(found["s"]) >= LATEST_S or can_id > (0x3FFF_FFFF if extended else 0x7FF):

@@ -127,8 +127,9 @@ class BusClock:
     def _step(self, stamps: NDArray[np.int64], now: int) -> int:
         """Find the first frame that was stamped after the wall clock was set; N if none was.
 
-        Between the moment at which the buffer was empty and now the stamps advance as frames come, and once by what
-        the clock was set besides: between the two that are apart by most nearly that.
+        From the moment at which the buffer was empty until now, each stamp follows the one before it by the time that
+        has passed. One stamp follows by this time and the step of the clock. It is the one whose distance from the
+        stamp before it is closest to that step.
         """
         empty, offset = self._empty
         line = np.concatenate(([empty - offset], stamps, [now - self.offset_ns]))

@@ -46,7 +46,7 @@ LONGEST_READ: Final = 1 << 26  # characters of one line that are read to find it
 MOST_BLANK: Final = 100_000  # lines in a row
 MOST_IDLE: Final = 1_000_000  # lines in a row that give no frame: remarks, statistics
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
-MDF_STARTS: Final = (b"MDF ", b"UnFinMF ")  # the second where its logger was switched off before the end
+MDF_STARTS: Final = (b"MDF ", b"UnFinMF ")  # the second: the logger was switched off before it had finished the file
 MDF_HEADER: Final = 168  # bytes of identification and header
 SHOWN: Final = 60  # characters of a broken line
 
@@ -55,7 +55,7 @@ class LongLineError(ValueError):
     """A line without end."""
 
 
-class _Lines:
+class Lines:
     """Lines of a text file, counted; `restart` puts a blank line before the next one.
 
     Attributes
@@ -73,9 +73,10 @@ class _Lines:
         self._blank = False
 
     def restart(self) -> None:
+        """Put a blank line before the next one."""
         self._blank = True
 
-    def __iter__(self) -> "_Lines":
+    def __iter__(self) -> "Lines":
         return self
 
     def __next__(self) -> str:
@@ -110,6 +111,7 @@ class _Lines:
         return str(error) if isinstance(error, LongLineError) else self.last.strip()[:SHOWN]
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
@@ -154,10 +156,10 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     make_reader, *own_errors = _reader(kind)
     broken = (*BROKEN, can.CanError, BLFParseError, *own_errors)
     packed = path.suffix.lower() == ".gz"
-    lines: _Lines | None = None
+    lines: Lines | None = None
     source: Any = _opened(path, kind) if packed else path.open("rb")
     if kind not in (".blf", ".mf4"):
-        source = lines = _Lines(path, io.TextIOWrapper(source, encoding="utf-8", errors="replace"))
+        source = lines = Lines(path, io.TextIOWrapper(source, encoding="utf-8", errors="replace"))
     with closing(source):
         try:
             reader = make_reader(source)
@@ -187,7 +189,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
 
 
-def _heard(reader: Any, lines: _Lines | None) -> Iterator["can.Message"]:
+def _heard(reader: Any, lines: Lines | None) -> Iterator["can.Message"]:
     """Messages of a reader; its lines are told of each."""
     for message in reader:
         if lines is not None:
@@ -196,7 +198,7 @@ def _heard(reader: Any, lines: _Lines | None) -> Iterator["can.Message"]:
 
 
 def _mf4_reader(source: BinaryIO) -> Any:
-    """Open MF4 with a header only: without one, its reader leaves a traceback behind when it is thrown away."""
+    """Open an MF4 file if it has a header: without one, python-can's reader prints a traceback when it is deleted."""
     import can
 
     head = source.read(MDF_HEADER)
@@ -206,7 +208,7 @@ def _mf4_reader(source: BinaryIO) -> Any:
     try:
         reader = can.MF4Reader(source)
     except Exception as error:
-        with _unraised(AttributeError):  # its half-made reader fails again when it is thrown away
+        with unraised(AttributeError):  # the reader, which is not complete, fails again when it is deleted
             cause: BaseException | None = error
             while cause is not None:
                 traceback.clear_frames(cause.__traceback__)
@@ -232,8 +234,8 @@ def _decoded_only(reader: Any) -> list[str]:
 
 
 @contextmanager
-def _unraised(kind: type[Exception]) -> Iterator[None]:
-    """Keep errors of one kind in `__del__` off the terminal."""
+def unraised(kind: type[Exception]) -> Iterator[None]:
+    """Print no error of one kind that is raised in `__del__`."""
     before = sys.unraisablehook
     sys.unraisablehook = lambda said: None if issubclass(said.exc_type, kind) else before(said)
     try:

@@ -34,10 +34,10 @@ class Impostors:
         self._own = np.array(sorted(set(own)), np.uint32)
 
     def refuse(self, frames: FrameBatch) -> FrameBatch:
-        """Give the frames without them."""
+        """Return the frames without those of impostors."""
         if not len(self._own) or not len(frames):
             return frames
-        # each drain comes by here: a search is a sixth of what numpy's general `isin` takes
+        # this runs at every drain: a search takes a sixth of the time of numpy's `isin`
         at = self._own.searchsorted(frames.can_id)
         theirs = self._own.take(at, mode="clip") == frames.can_id
         if not theirs.any():

@@ -119,7 +119,7 @@ def write_frames(out: BinaryIO | gzip.GzipFile, batches: Iterable[FrameBatch], c
 
 
 def _kind_of_file(path: Path) -> str:
-    """Tell the format of a log by its name, once it is sure that there is a file; `OSError` where nobody can look."""
+    """Tell the format of a log by its name, if the file exists; raise `OSError` if it cannot be looked at."""
     if path.is_dir():
         raise UsageError(f"{path}: is a directory; expected a log")
     kind = _kind(path)

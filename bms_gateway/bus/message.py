@@ -35,7 +35,7 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
     ----------
     messages : list of can.Message
     tally : Tally
-        Counts what is left out; so is what no bus carries.
+        Counts the frames that are left out: remote frames, error frames, and frames that no bus can carry.
     shift_s : float
         Added to the stamps.
 

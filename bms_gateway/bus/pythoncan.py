@@ -96,7 +96,7 @@ class PythonCanPort:
                 message = self._bus.recv(0)
             except (self._failure, OSError) as error:
                 self._failed(self._bus, error)
-                self.emptied = True  # what it still held is gone with it
+                self.emptied = True  # the frames that it still held are lost
                 break
             if message is None:
                 self.emptied = True

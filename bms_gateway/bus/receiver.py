@@ -74,9 +74,9 @@ _STAMP_SIZE = int(
 # PyDLL: the call never waits, so it keeps the interpreter's lock. Given up, the lock comes back from a thread that
 # calculates only after a switch interval (5 ms), as often as the call is made.
 _LIBC = ctypes.PyDLL(None, use_errno=True)
-_recvmmsg = _LIBC.recvmmsg
-_recvmmsg.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
-_recvmmsg.restype = ctypes.c_int
+recvmmsg = _LIBC.recvmmsg
+recvmmsg.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
+recvmmsg.restype = ctypes.c_int
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class Receiver:
         OSError
             As of the socket: the interface went down or away.
         """
-        while (n := _recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0:
+        while (n := recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0:
             code = ctypes.get_errno()
             if code == errno.EAGAIN:
                 return None

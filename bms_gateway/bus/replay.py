@@ -19,7 +19,7 @@ from bms_gateway.errors import BusError, UsageError
 from bms_gateway.frames.batch import FrameBatch
 
 FULL_S: Final = 0.001  # a full transmit queue has room again after some frames' time
-STUCK_S: Final = 5.0  # a bus that takes nothing for so long has nobody on it to acknowledge
+STUCK_S: Final = 5.0  # a bus that takes no frame for so long has no node that acknowledges
 SHOW_S: Final = 0.1
 
 

@@ -31,7 +31,7 @@ from bms_gateway.frames.batch import FrameBatch
 log = logging.getLogger(__name__)
 
 RETRY_FIRST_S: Final = 0.1  # `ip link set down; … up` takes about this long
-RETRY_MOST_S: Final = 2.0  # after a USB adapter is plugged in again nobody should wait longer
+RETRY_MOST_S: Final = 2.0  # longest wait after a USB adapter is plugged in again
 FULL_S: Final = 0.01  # a full transmit queue of ten frames empties in 1–3 ms at 500 kbit/s; leave others some room
 PACE_S: Final = 0.01  # rhythm of the token bucket: ten tokens per wake-up
 RECEIVE_BUFFER: Final = 8 << 20  # two seconds of a full bus, should the machine be busy elsewhere; taken as it fills
@@ -93,7 +93,7 @@ class SocketCanPort:
         self.counters = Counters()
         self.link = Link.UP
         self.emptied = True
-        self._clock = clock or BusClock()
+        self.clock = clock or BusClock()
         self._pacer = Pacer(access.own, self.counters, rate=access.rate, burst=access.burst)
         self._impostors = Impostors(channel, access.own, self.counters)
         self._delay_s = 0.0
@@ -104,7 +104,7 @@ class SocketCanPort:
         self._receiver = Receiver(self._sock)
         self.receive_buffer = self._ask_buffer(receive_buffer)
         # more than the buffer holds (the kernel gives twice what it is asked for): a drain ends though senders go on
-        self._drain_most = 2 * self.receive_buffer // LEAST_ROOM + DEPTH
+        self.drain_most = 2 * self.receive_buffer // LEAST_ROOM + DEPTH
         filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS
         self.gather_s = min(max(filled_s / SPARE, GATHER_S), GATHER_MOST_S)
         groups, received = group_filters(access.any_sender)[:MOST_GROUPS], access.received
@@ -127,18 +127,18 @@ class SocketCanPort:
 
     def now_ns(self) -> int:
         """Bus time."""
-        now = self._clock.now_ns()
-        if self._clock.steps != self.counters.clock_steps:
-            self.counters.clock_steps = self._clock.steps
-            log.warning("wall clock was set by %+.3f s: bus time goes on without it", self._clock.last_step_ns / 1e9)
+        now = self.clock.now_ns()
+        if self.clock.steps != self.counters.clock_steps:
+            self.counters.clock_steps = self.clock.steps
+            log.warning("wall clock was set by %+.3f s: bus time goes on without it", self.clock.last_step_ns / 1e9)
         return now
 
     def drain(self) -> FrameBatch:
         """Take what has arrived; never raises for what the interface does."""
         parts: list[FrameBatch] = []
         taken, self.emptied = 0, False
-        self._clock.begin()
-        while not self.emptied and taken < self._drain_most:
+        self.clock.begin()
+        while not self.emptied and taken < self.drain_most:
             try:
                 got = self._receiver.take()
             except OSError as error:
@@ -153,7 +153,7 @@ class SocketCanPort:
             taken += len(got.rows)
             time_ns = got.wall_ns
             if not time_ns.all():
-                time_ns[time_ns == 0] = self._clock.now_ns() - self._clock.offset_ns
+                time_ns[time_ns == 0] = self.clock.now_ns() - self.clock.offset_ns
             batch, errors = to_batch(got.rows, got.sizes, time_ns, self.counters)
             self._note_errors(errors, len(batch))
             if got.drops is not None:
@@ -164,8 +164,8 @@ class SocketCanPort:
             return FrameBatch.empty()
         frames = parts[0] if len(parts) == 1 else FrameBatch.concat(parts)
         # all at once: after a stall the frames of the last part are as old as those of the first
-        time_ns = self._clock.to_bus(frames.time_ns, emptied=self.emptied)
-        self.counters.misdated = self._clock.misdated
+        time_ns = self.clock.to_bus(frames.time_ns, emptied=self.emptied)
+        self.counters.misdated = self.clock.misdated
         return self._impostors.refuse(FrameBatch(time_ns, frames.can_id, frames.length, frames.data))
 
     def send(self, frames: FrameBatch) -> None:
@@ -249,7 +249,7 @@ class SocketCanPort:
             self._failed(error)
             return False
         if not back:
-            if bound:  # else binding has failed, and the delay has grown with that
+            if bound:  # a failed `_bind` has already made the delay longer
                 self._grow_delay()
             return False
         log.warning("%s is back after %.1f s", self.channel, time.monotonic() - self._down_at)

@@ -84,6 +84,11 @@ class VirtualPack:
         Amplitude of the inlet's motion, where the plan has it from the bus.
     cycle : str
         Of `thermal.cycles.CYCLES`, driven over and over.
+
+    Attributes
+    ----------
+    phase : float
+        Of the inlet's motion at the start, rad; drawn from the seed.
     """
 
     def __init__(
@@ -100,7 +105,7 @@ class VirtualPack:
         rng = np.random.default_rng([seed, 0x60])
         capacity = plan.strings[0].model.capacity_Ah or CAPACITY_AH
         self._cycle = CYCLES[cycle](rng, capacity)
-        self._phase = float(rng.uniform(0.0, 2 * np.pi))
+        self.phase = float(rng.uniform(0.0, 2 * np.pi))
         self._swing = inlet_swing_K
         self.parameters = tuple(_truth(s, rng, scatter, common) for s in plan.strings)
         self._start = tuple(self._start_state(s, rng) for s in plan.strings)
@@ -160,7 +165,7 @@ class VirtualPack:
         if constant is not None:
             return np.full(len(time), constant)
         w = 2 * np.pi / INLET_PERIOD_S
-        wave = 0.8 * np.sin(w * time + self._phase) + 0.2 * np.sin(2.7 * w * time)  # no pure sine: richer than one
+        wave = 0.8 * np.sin(w * time + self.phase) + 0.2 * np.sin(2.7 * w * time)  # no pure sine: richer than one
         return INLET_C + self._swing * wave
 
     def _start_state(self, string: StringPlan, rng: np.random.Generator) -> Floats:

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.bus.canframe import ERR, to_wire
-from bms_gateway.chaos.live import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
+from bms_gateway.chaos.real_time import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.scenario import Scenario
 from bms_gateway.config import shipped
 from bms_gateway.frames.batch import FrameBatch

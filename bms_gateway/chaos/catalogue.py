@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bms_gateway.chaos.bus_faults import bus_scenarios
 from bms_gateway.chaos.door_faults import door_scenarios
-from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.fault_targets import Facts
 from bms_gateway.chaos.heat_faults import heat_scenarios
-from bms_gateway.chaos.live import BusScenario, RealTimeBench
+from bms_gateway.chaos.real_time import BusScenario, RealTimeBench
 from bms_gateway.chaos.scenario import Outcome, Scenario
 from bms_gateway.chaos.sensors import sensor_scenarios
 from bms_gateway.chaos.service_faults import service_scenarios

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from typing import Final
 
 from bms_gateway.chaos.bus_faults import RECOVERS_S
-from bms_gateway.chaos.live import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.reaction import Counted, Reaction, Uncounted
+from bms_gateway.chaos.real_time import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.scenario import Scenario
 from bms_gateway.config.schema import Mqtt
 from bms_gateway.service.exposition import CONTENT_TYPE

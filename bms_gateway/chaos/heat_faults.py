@@ -7,11 +7,11 @@ import numpy as np
 
 from bms_gateway.bus.traffic import Key
 from bms_gateway.bus.virtual import INLET_C, PackFault
-from bms_gateway.chaos.drive import Change
-from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.fault_targets import Facts
 from bms_gateway.chaos.reaction import Reaction, Told, Untold
 from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.chaos.sensors import SOUND_WINDOW_S, Frozen, Slow
+from bms_gateway.chaos.simulated_pack import Change
 from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import inf
 from typing import Protocol
 
-from bms_gateway.chaos.record import Record, Seen
+from bms_gateway.chaos.observed_run import Record, Seen
 from bms_gateway.engine.broadcast import State
 from bms_gateway.frames.quality import Quality
 

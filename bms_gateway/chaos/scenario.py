@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from bms_gateway.bus.traffic import Key
 from bms_gateway.bus.virtual import PackFault
-from bms_gateway.chaos.drive import CYCLE
+from bms_gateway.chaos.observed_run import Record, Seen
 from bms_gateway.chaos.reaction import Reaction
-from bms_gateway.chaos.record import Record, Seen
+from bms_gateway.chaos.simulated_pack import CYCLE
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.thermal import Floats
 

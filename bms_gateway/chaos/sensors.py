@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from bms_gateway.chaos.drive import Change
-from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.fault_targets import Facts
 from bms_gateway.chaos.reaction import Counted, InState, Marked, Reaction, Told
 from bms_gateway.chaos.scenario import Injection, Scenario
+from bms_gateway.chaos.simulated_pack import Change
 from bms_gateway.engine.broadcast import State
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Floats

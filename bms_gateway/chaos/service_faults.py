@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from bms_gateway.chaos.bus_faults import AWAY_S, RECOVERS_S
-from bms_gateway.chaos.live import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
+from bms_gateway.chaos.real_time import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.scenario import Scenario
 
 STALL_S: Final = 8.0

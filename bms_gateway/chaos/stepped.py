@@ -21,9 +21,9 @@ from bms_gateway.bus.port import Port
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive, Incident, Second
-from bms_gateway.chaos.record import Bystander, Line, Record
+from bms_gateway.chaos.observed_run import Bystander, Line, Record
 from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judge
+from bms_gateway.chaos.simulated_pack import Drive, Incident, Second
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.fault_targets import Facts
 from bms_gateway.chaos.reaction import Counted, Quiet, Reaction, Told, Unmoved
 from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.frames.batch import FrameBatch

@@ -10,8 +10,9 @@ from bms_gateway.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
-    from bms_gateway.engine import Engine
+    from bms_gateway.engine import Engine, Event
     from bms_gateway.frames.batch import FrameBatch
+    from bms_gateway.records.courses import Courses
     from bms_gateway.records.span import Span
     from bms_gateway.report.csv_out import ResultFolder
 
@@ -38,7 +39,8 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.bus.logfile import LogNotes, write_frames
     from bms_gateway.cli.output import distinct, say, writable, write_json
     from bms_gateway.config.load import load_config
-    from bms_gateway.engine import Engine
+    from bms_gateway.engine import Engine, drive
+    from bms_gateway.records.courses import Courses
     from bms_gateway.records.once import given_once, in_order
     from bms_gateway.records.signal_use import advice, contradictions, signal_use
     from bms_gateway.records.span import Span, expect_estimates
@@ -53,12 +55,13 @@ def run(args: argparse.Namespace) -> int:
     given_once(args.log)
     in_order(args.log)
     engine = Engine(loaded.plan, loaded.database)
+    courses = Courses(engine, loaded.database)
     notes = [LogNotes() for _ in args.log]
     span = Span()
     with ResultFolder(out, {s.name: s.model.cells for s in loaded.plan.strings}) as folder:
         batches = _batches(args.log, notes, span)
         with folder.create("broadcast.log") as file:
-            write_frames(file, _sent(engine, batches, folder), loaded.config.bus.channel)
+            write_frames(file, _sent(drive(engine, batches), folder, courses), loaded.config.bus.channel)
         expect_estimates(args.log, args.config, engine, span)
         _conclude(engine, folder)
         broken = sum(n.broken for n in notes)
@@ -73,8 +76,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.json:
         write_json(args.json, summary)
+    wrong = [*contradictions(loaded.plan, engine.inputs), *courses.contradictions()]
     _note(args, engine, notes)
-    _tell(args, engine, folder, span, [*contradictions(loaded.plan, engine.inputs), *advice(uses)])
+    _tell(args, engine, folder, span, [*wrong, *advice(uses)])
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
     say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
@@ -93,14 +97,14 @@ def _batches(logs: list[Path], notes: "list[LogNotes]", span: "Span") -> "Iterat
                     yield batch
 
 
-def _sent(engine: "Engine", batches: "Iterable[FrameBatch]", folder: "ResultFolder") -> "Iterator[FrameBatch]":
+def _sent(events: "Iterable[Event]", folder: "ResultFolder", courses: "Courses") -> "Iterator[FrameBatch]":
     """Yield the frames that the service would have sent; all other results are written into the folder meanwhile."""
-    from bms_gateway.engine import SendFrames, drive
+    from bms_gateway.engine import SendFrames
 
-    for event in drive(engine, batches):
+    for event in events:
         if isinstance(event, SendFrames):
             yield event.batch
-        else:
+        elif not courses.take(event):
             folder.write(event)
 
 
@@ -182,5 +186,15 @@ def _table(engine: "Engine", folder: "ResultFolder", start_ns: int) -> str:
                 ", ".join(s.flags) or "none",
             ]
         )
-    headers = ["string", "cells", "hottest core °C", "cell", "at s", "hottest point °C", "R_e mΩ", "status", "flags"]
+    headers = [
+        "string",
+        "cells",
+        "hottest core °C ± 1 sd",
+        "cell",
+        "at s",
+        "hottest point °C",
+        "R_e mΩ ± 1 sd",
+        "status",
+        "flags",
+    ]
     return text_table(headers, rows)

@@ -39,8 +39,10 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check; 1 where a string is not observable, or a log shows that a signal is not used or contradicts another."""
+    import numpy as np
+
     from bms_gateway.config.load import load_config
-    from bms_gateway.records.once import given_once
+    from bms_gateway.records.once import given_once, in_order
     from bms_gateway.report.show import number, ranges, text_table
     from bms_gateway.sensors import determined_states, steady_core_sd
 
@@ -48,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(Path(args.config))
     distinct({"--json": args.json}, [*loaded.files, *args.log])
     given_once(args.log)
+    in_order(args.log)
     plan = loaded.plan
     key = "store.path" if loaded.config.store.path is not None else "STATE_DIRECTORY"
     problem = store_problem(loaded.store, f"{args.config}: {key}")
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     for s in plan.strings:
         p, sensors = s.model.nominal, _sensed(s)
         rank = determined_states(p, sensors)
-        sd = steady_core_sd(p, sensors, plan.disturbance)
+        sd = np.hypot(steady_core_sd(p, sensors, plan.disturbance), _rounded_K(loaded, s))
         worst = int(sd.argmax())
         strings.append(
             {
@@ -123,6 +126,13 @@ def run(args: argparse.Namespace) -> int:
     return _conclude(args, strings, lost, unsound)
 
 
+def _rounded_K(loaded: "LoadedConfig", string: "StringPlan") -> float:
+    """Error of the string's coarsest thermocouple by its steps, as an sd: no filter takes it from a slow surface."""
+    mine = [c for c in string.channels if c.quantity == "surface" and c.signal]
+    steps = [abs(c.scale) * loaded.database.resolve(c.signal or "").resolution for c in mine]
+    return float(max(steps, default=0.0) / 12**0.5)
+
+
 def _conclude(args: argparse.Namespace, strings: list[dict[str, Any]], lost: list[str], unsound: list[str]) -> int:
     """Say what of the config is not sound, or that all is; give the exit status."""
     from bms_gateway.report.show import ranges
@@ -180,6 +190,7 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], li
     from bms_gateway.bus.logfile import read_log
     from bms_gateway.engine import Engine
     from bms_gateway.errors import DataError
+    from bms_gateway.records.courses import Courses
     from bms_gateway.records.signal_use import contradictions, signal_use
     from bms_gateway.report.progress import progress
 
@@ -187,6 +198,7 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], li
     plain = tuple(replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings)
     plan = replace(loaded.plan, transmit=False, strings=plain)
     engine = Engine(plan, loaded.database, whole=True)
+    courses = Courses(engine, loaded.database)
     for log in logs:
         with progress(log.name, None) as advance:
             for batch in read_log(log):
@@ -194,12 +206,13 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], li
                     frames += len(batch)
                     advance(len(batch))
                     engine.receive(batch, now_ns=int(batch.time_ns.max()))
-                    while engine.next_output() is not None:
-                        pass
+                    while (event := engine.next_output()) is not None:
+                        courses.take(event)
     if not frames:
         raise DataError(f"{', '.join(str(log) for log in logs)}: no data frames")
     stated = {s.name for s in loaded.config.string if s.signals is not None}
-    return signal_use(plan, loaded.database, engine, stated), list(contradictions(plan, engine.inputs))
+    wrong = [*contradictions(plan, engine.inputs), *courses.contradictions()]
+    return signal_use(plan, loaded.database, engine, stated), wrong
 
 
 def _tell(uses: "dict[str, Use]", wrong: list[str], json_target: str | None) -> None:

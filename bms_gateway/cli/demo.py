@@ -39,7 +39,6 @@ def arguments(parser: Parser) -> None:
     """Declare the options."""
     parser.option("--seed", type=int, default=1, metavar="N", help="another seed is another pack and drive (default 1)")
     parser.option("--seconds", type=float, metavar="S", help="how long to drive (default: 45 live, 2700 simulated)")
-    parser.option("--in-process", action="store_true", help="use the in-process bus even where there is a vcan0")
     parser.option("--json", metavar="FILE", help="write the result as JSON; - is standard output")
 
 
@@ -69,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise UsageError(f"demo: --seed {args.seed}: must not be negative")
     writable({"--json": args.json})
-    live = not args.in_process and _has_vcan()
+    live = _has_vcan()
     seconds = args.seconds if args.seconds is not None else (LIVE_S if live else SIMULATED_S)
     if not (math.isfinite(seconds) and seconds >= 10):
         raise UsageError(f"demo: --seconds {seconds:g}: at least 10")

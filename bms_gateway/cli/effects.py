@@ -75,7 +75,7 @@ def _written(path: str) -> str:
     before, start, rest = text.partition(f"{START}\n")
     _, end, after = rest.partition(f"\n{END}")
     if not (start and end) or text.count(START) != 1 or text.count(END) != 1:
-        raise DataError(f"{path}: needs the line {START} once and after it the line {END} once, for the table between")
+        raise DataError(f"{path}: the table goes between a line {START} and a later line {END}, each once")
     new = f"{before}{start}{catalogue_table()}{end}{after}"
     if new != text:
         with whole_text(file) as text_file:

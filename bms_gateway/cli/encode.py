@@ -118,7 +118,7 @@ def _tell(
     lost: "list[dict[str, Any]]",
     feed: "dict[Key, Series]",
 ) -> list[str]:
-    """Note what the log has not as the table has it; returns what may be said of signals that nobody asked for."""
+    """Note what the log lacks of the table; return what is to be said of signals that were not asked for."""
     from bms_gateway.cli.table_checks import empty, far_apart
 
     string = loaded.plan.strings[index]

@@ -17,9 +17,9 @@ EXAMPLE = """\
 works while the service runs, and after; a row for every instant at which a signal of the string came
 """
 SHORT_S, SHORT = 5.0, 0.05
-"""Least time, and share of what was asked for, by which a table is shorter without anybody's missing it."""
+"""Time, s, and share of the span that was asked for, by which a table may be shorter without a warning."""
 OLD_S = 60.0
-"""Age of the newest signal from which it is told."""
+"""Age of the newest signal, s, from which on a warning is printed."""
 
 
 def arguments(parser: Parser) -> None:

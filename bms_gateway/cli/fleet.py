@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(args.config)
     places = {"--json": args.json} | {f"--out {f}": out / f for f in (fleet.FLEET, fleet.ATLAS_FILE)}
     distinct(places, [*loaded.files, *args.log])
-    logs = [(log, vehicle_of(log, args.vehicle)) for log in _once(args.log)]
+    logs = [(log, vehicle_of(log, args.vehicle)) for log in once(args.log)]
     with progress("logs", len(logs)) as advance:
         done = fleet.run_fleet(logs, loaded, out, jobs=jobs, scheduler=args.scheduler, advance=advance)
     models = {s.name: str(args.config.parent / s.model) for s in loaded.config.string}
@@ -95,7 +95,7 @@ def _jobs(args: argparse.Namespace) -> int:
     return int(args.jobs)
 
 
-def _once(logs: list[Path]) -> list[Path]:
+def once(logs: list[Path]) -> list[Path]:
     """List each log once, even if patterns of the shell overlap."""
     return list({os.path.realpath(log): log for log in reversed(logs)}.values())[::-1]
 

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     """Propose, ask, write, estimate; 1 where a current or every thermocouple is missing."""
     from bms_gateway.cli.output import distinct, note, writable
     from bms_gateway.errors import UsageError
-    from bms_gateway.records.once import given_once
+    from bms_gateway.records.once import given_once, in_order
     from bms_gateway.setup.propose import propose
     from bms_gateway.setup.vehicle_logs import read_traffic
     from bms_gateway.thermal.cells import cell_of
@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     writable({"--json": args.json})
     distinct({"--json": args.json, "--out gateway.toml": out / "gateway.toml"}, [*args.log, *args.dbc])
     given_once(args.log)
+    in_order(args.log)
     cell = cell_of(args.cell) if args.cell is not None else None
     traffic = read_traffic(args.log, args.dbc)
     proposal = propose(traffic)
@@ -100,7 +101,7 @@ def _write(
             _tell_guesses(guesses, out, args)
         return 1
     with taken_back(out):
-        kept = _keep(out / "gateway.toml") if (out / "gateway.toml").exists() else None
+        kept = keep(out / "gateway.toml") if (out / "gateway.toml").exists() else None
         settled = settle(proposal, traffic, out, cell=cell, logs=args.log)
         picture = draw(settled.cores, out / "cores.png")
     written = settled.written
@@ -189,7 +190,7 @@ def _may_write(out: Path, args: argparse.Namespace) -> bool:
     return _agrees(f"{there} is there already. Overwrite it?")
 
 
-def _keep(there: Path) -> Path:
+def keep(there: Path) -> Path:
     """Keep the existing config under another name, beside earlier ones."""
     from bms_gateway.errors import UsageError
     from bms_gateway.store.files import reading
@@ -363,6 +364,7 @@ def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str 
     if cores.hottest is not None:
         say(hottest_sentence(cores.hottest, start_ns), json_target)
     if picture is not None:
-        say(f"picture: {picture}", json_target)
+        steps = "; dotted: a fit gives new parameters, and the core steps there" if cores.fitted_ns else ""
+        say(f"picture: {picture}{steps}", json_target)
     else:
         say("a picture of the cores needs the extra report: pip install 'bms-gateway[report]'", json_target)

@@ -138,7 +138,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _fault_of_a_file(e: OSError) -> str | None:
-    """Say in one line what an error of the system says of a file; None where it speaks of none, and so is a bug."""
+    """Turn an `OSError` about a file into one line; None if it names no file, because it is then a bug."""
     named = isinstance(e.filename, str | bytes)
     where = f"{clipped(' '.join(os.fsdecode(e.filename).split()), MOST_SHOWN)}: " if named else ""
     if e.errno in DISK:

@@ -30,13 +30,6 @@ def arguments(parser: Parser) -> None:
     parser.option("--cycle", metavar="NAME", default="urban-assault", help="urban-assault (default), us06 or udds")
     parser.option("--seed", metavar="N", type=int, default=0, help="another seed is another pack and drive (default 0)")
     parser.option("--duration", metavar="S", type=float, default=1800.0, help="seconds to drive (default 1800)")
-    parser.option(
-        "--unknown",
-        metavar="SD",
-        type=float,
-        default=0.0,
-        help="R_e, R_c, R_u of each string differ from its model file by this relative sd (default 0)",
-    )
     parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
 
@@ -57,14 +50,12 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"simulate: --duration {args.duration:g}: at most {LONGEST_S} seconds (30 days)")
     if args.seed < 0:
         raise UsageError(f"simulate: --seed {args.seed}: must not be negative")
-    if not 0 <= args.unknown <= 1:
-        raise UsageError(f"simulate: --unknown {args.unknown:g}: valid: 0 to 1")
     outputs = {"--out": args.out, "--truth": args.truth, "--json": args.json}
     writable(outputs)
     loaded = load_config(Path(args.config))
     distinct(outputs, loaded.files)
     plan = loaded.plan
-    pack = VirtualPack(plan, args.seed, common=args.unknown, cycle=args.cycle)
+    pack = VirtualPack(plan, args.seed, cycle=args.cycle)
     traffic = Traffic(plan, loaded.database, noise_K=SENSOR_NOISE_K, seed=args.seed)
     with _truth_file(args.truth) as truth, progress("simulating", args.duration) as advance:
 

@@ -63,7 +63,7 @@ def store_problem(store: Path | None, where: str) -> str | None:
 
 
 def _refuse_long(there: Path, shown: str, where: str) -> None:
-    """Refuse names that no file system takes; that of a folder that is still to be made is looked at by nobody else."""
+    """Refuse names that no file system takes; nothing else checks the name of a folder that does not exist yet."""
     longest = max(there.parts, key=lambda part: len(os.fsencode(part)))
     if (size := len(os.fsencode(longest))) > NAME_MAX:
         raise ConfigError(f"{where}: {shown} cannot be made: a name of {size} bytes; at most {NAME_MAX} are possible")

@@ -86,7 +86,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
 
 
 def refuse_made_up(string: StringPlan, table: Table, made_up: Sequence[Channel]) -> None:
-    """Refuse a table that lacks a quantity whose signal would have to be sent with a value of nobody's.
+    """Refuse a table that lacks a quantity whose signal would have to be sent without a value.
 
     Raises
     ------

@@ -160,9 +160,9 @@ def _say_now(text: str) -> None:
 def _live(args: argparse.Namespace, site: "Site") -> int:
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
+    from bms_gateway.workbench.live_estimates import Watch
     from bms_gateway.workbench.server import Server
     from bms_gateway.workbench.sources import Playback
-    from bms_gateway.workbench.watch import Watch
 
     if not args.config:
         raise UsageError("workbench: --live needs --config: it says which signals carry what")
@@ -186,8 +186,8 @@ def _on_the_bus(args: argparse.Namespace, site: "Site", loaded: "LoadedConfig", 
     import threading
 
     from bms_gateway.service.live import Gateway
+    from bms_gateway.workbench.live_estimates import Watch
     from bms_gateway.workbench.server import Server
-    from bms_gateway.workbench.watch import Watch
 
     port = _listening(loaded, args.live)
     site.watch = watch = Watch(engine, "live", args.live, args.bitrate, port.traffic)

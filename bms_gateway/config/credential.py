@@ -24,7 +24,7 @@ def credential(find: Callable[[Path, str, str], Path], config: Path, name: str, 
         Finds a file relative to the config, or raises.
     config : Path
     name, key : str
-        As written, and where.
+        As written, and its place in the config.
     """
     passed_on = os.environ.get("CREDENTIALS_DIRECTORY", "")
     if passed_on and (file := Path(passed_on) / Path(name).name).is_file():
@@ -38,7 +38,7 @@ def check_secret(file: Path, where: str) -> None:
     Raises
     ------
     ConfigError
-        Contains the command that repairs it.
+        The message contains the command that repairs it.
     """
     mode = file.stat().st_mode
     if mode & (stat.S_IRWXO | stat.S_IWGRP):

@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bms_gateway import __version__
-from bms_gateway.config.bounds import bounded
+from bms_gateway.config.read_bounds import bounded
 from bms_gateway.config.text_file import WINDOWS, decoded, read_bytes
 from bms_gateway.errors import ConfigError
 from bms_gateway.folders import open_folder
@@ -32,7 +32,7 @@ OWN_TABLE = "dbc/bms_gateway.table"
 KEPT = 32
 """Most tables in the directory. Each has some 100 kB, and every change of a DBC makes a new one."""
 MOST_BYTES = 8 << 20
-"""Of the text of a DBC; that of a vehicle has one or two, and cantools takes ten times as much."""
+"""Longest text of a DBC, bytes; a vehicle's has one or two MB, and cantools takes ten times as much memory."""
 LARGEST_TABLE = 16 << 20
 _NOT_OURS = stat.S_IWGRP | stat.S_IWOTH
 
@@ -61,14 +61,22 @@ def _read(name: str, text: str) -> list[MessageInfo]:
         return found
     directory = _directory()
     if directory is None:
-        return parse(name, text)
+        return _parsed(name, text)
     head = f"bms-gateway-dbc {FORMAT} {__version__} cantools-{_version_of_cantools()} {digest}"
     file = directory / f"{_sha256(head)[:32]}.table"
     found = _believed(name, _content(file), head)
     if found is None:
-        found = parse(name, text)
+        found = _parsed(name, text)
         _keep(file, table(head, found))
     return found
+
+
+def _parsed(name: str, text: str) -> list[MessageInfo]:
+    """Parse without the warnings of cantools: a message that occurs twice is reported where it is used."""
+    import logging  # with cantools
+
+    logging.getLogger("cantools").setLevel(logging.ERROR)
+    return parse(name, text)
 
 
 def table(head: str, messages: list[MessageInfo]) -> str:
@@ -146,7 +154,7 @@ def _believed(name: str, content: bytes | None, head: str) -> list[MessageInfo] 
 def _content(file: Path) -> bytes | None:
     """Content of a table that nobody but this user can have written; None otherwise."""
     try:
-        # anything may lie in the place of the file, even a pipe: it must not block
+        # there may be anything of this name, even a pipe: opening it must not block
         handle = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
     except OSError:
         return None

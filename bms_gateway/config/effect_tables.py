@@ -1,7 +1,7 @@
 """The part of a model file that belongs to effects: `effects`, `[effect.NAME]` and `[correlation]`.
 
-An effect's key is its name; one that sits on a cell has `cell = k`, and where there are several of one name they are
-called `NAME:CELL`.
+An effect's key is its name. An effect on a cell has `cell = k`; if there are several of one name, their keys are
+`NAME:CELL`.
 """
 
 import math
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Correlated = tuple[tuple[str, ...], Floats]
 MOST_SPANS, MOST_LOG_SPANS = 1000.0, 10.0
-"""Greatest standard deviation of an effect's number, over the distance of its bounds: beyond anything that is meant."""
+"""Greatest standard deviation of an effect's number, over the distance of its bounds: beyond any useful value."""
 ROUNDING = 1e-6
 """Tolerance for rounded digits, where a number is compared with its bound or a matrix with a correlation."""
 LONGEST_KEY = 100
@@ -31,9 +31,9 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class EffectNumber(Section):
-    """`{ value, unit, sd | rel_sd | fixed = true, start }`; rel_sd for what is fitted in its logarithm.
+    """`{ value, unit, sd | rel_sd | fixed = true, start }`; rel_sd for a number that is fitted in its logarithm.
 
-    `start` is where a fit starts, in this unit; `value` if left out.
+    `start` is the start of a fit, in this unit; by default `value`.
     """
 
     value: float
@@ -103,7 +103,7 @@ def read_effects(
 
 
 def example(effect: "Effect", key: str) -> str:
-    """Table that an effect needs, in one line.
+    """Return the table that an effect needs, in one line.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def example(effect: "Effect", key: str) -> str:
 
 
 def optional(effect: "Effect", p: "EffectParameter") -> bool:
-    """Whether a number may be left out; it then has the value at which the effect does nothing."""
+    """Whether a number may be left out; it then has the value at which the effect vanishes."""
     return p.neutral is not None and p is not effect.parameters[0]
 
 
@@ -187,7 +187,7 @@ def write_correlation(correlation: Correlated) -> list[str]:
 
 
 def shown(si: Floats, unit: str, units: Mapping[str, float]) -> tuple[list[str], str]:
-    """Numbers in the unit for people, with as few digits as read back exactly; in SI where that unit cannot.
+    """Numbers in the unit for people, with as few digits as restore them exactly; in SI if this unit cannot.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def shown(si: Floats, unit: str, units: Mapping[str, float]) -> tuple[list[str],
     unit : str
         For people.
     units : mapping of unit to factor
-        One of them is SI.
+        It includes SI.
     """
     for digits in (12, 15, 17):
         text = [repr(float(f"{x / units[unit]:.{digits}g}")) for x in si]
@@ -205,7 +205,7 @@ def shown(si: Floats, unit: str, units: Mapping[str, float]) -> tuple[list[str],
 
 
 def _catalogued(name: str) -> "Effect":
-    from bms_gateway.thermal.effects import effect_named  # the whole catalogue, which most models do without
+    from bms_gateway.thermal.effects import effect_named  # loads the whole catalogue, which most models do not need
 
     return effect_named(name)
 
@@ -271,7 +271,7 @@ def _number(p: "EffectParameter", given: EffectNumber) -> tuple[float, float]:
         raise ConfigError(f".{p.name}: unit {unit!r} does not fit {p.name}{did_you_mean(unit, units)}")
     factor = units[unit]
     x = given.value * factor
-    slack = ROUNDING * (p.upper - p.lower)  # a fit that ended on a bound may lie beyond it by a rounding error
+    slack = ROUNDING * (p.upper - p.lower)  # a fit that ended at a bound may be beyond it by a rounding error
     if not p.lower - slack <= x <= p.upper + slack:
         low, high = p.lower / factor, p.upper / factor
         raise ConfigError(f".{p.name}: {given.value:g} {unit} is not plausible; valid: {low:g} to {high:g} {unit}")

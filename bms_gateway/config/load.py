@@ -8,11 +8,11 @@ from math import inf
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Final
 
-from bms_gateway.config.bounds import bounded
 from bms_gateway.config.credential import SECRET_KEYS, check_secret, credential
 from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.overrides import put_right
+from bms_gateway.config.read_bounds import bounded
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
 from bms_gateway.config.text_file import nearest_file
 from bms_gateway.config.toml import MOST_SHOWN, read_toml, validate
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
 MOST_LISTED: Final = 1000
 LEAST_SHARE: Final = 1e-6
-"""Of what the gateway believes of a quantity: bits that span less say always the same."""
+"""Least range of a signal, as a share of the plausible range: smaller signals always say the same."""
 MOST_OFF: Final = 1e12
-"""Of what the gateway believes: greatest factor of a floating-point number, and one over the least."""
+"""Limit for floating-point numbers: greatest factor over the plausible range, and its inverse for the least."""
 ENGINE_S: Final = 15.0
 ENGINE_MIB: Final = 160
-"""A string of 300 cells takes 150; the unit has 256 for all."""
+"""MiB: a string of 300 cells takes 150; the unit has 256 for all."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedConfig:
-    """A config file and all that it names.
+    """A config file and all files that it names.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class LoadedConfig:
         As written, with defaults.
     plan : Plan
     database : Database
-        Of the plan's DBC files and ours; parsing them again would take longer than all else here.
+        Of the plan's DBC files and ours, because parsing takes longer than the rest of a start.
     store : Path or None
         Directory of the stored state; None: nothing is stored.
     files : tuple of Path
-        All that was read for it: the config, its DBC and model files. No result may be written to one of them.
+        All files that were read: the config, its DBC and model files. No result may be written to one of them.
     """
 
     path: Path
@@ -66,12 +66,12 @@ class LoadedConfig:
     files: tuple[Path, ...]
 
     def engine(self) -> "Engine":
-        """Make an engine of it, as the service does.
+        """Make an engine, as the service does.
 
         Raises
         ------
         ConfigError
-            It takes more time or memory than a service has: strings of too many cells.
+            It takes more time or memory than a service has: strings with too many cells.
         """
         from bms_gateway.engine import Engine
 
@@ -93,7 +93,7 @@ def load_config(path: Path, *, uploaded: bool = False) -> LoadedConfig:
     Returns
     -------
     LoadedConfig
-        With every signal found: the engine takes its plan as it is.
+        With every signal found: the engine can use its plan directly.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def load_config(path: Path, *, uploaded: bool = False) -> LoadedConfig:
 def _reader(where: str, config: GatewayConfig, databases: Mapping[str, str]) -> Read:
     """Read DBC files, with the source address of J1939 messages that the config states.
 
-    Where no file marks messages as those of J1939, all of 29 bits are taken for such: the address has no other meaning.
+    If no file marks messages as J1939, all messages with 29 bits count as such: the address has no other meaning.
     """
     address = config.bus.source_address
     if address is None:
@@ -190,7 +190,7 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
 
 
 def _own_channels(number: int, model: StringModel, database: Database) -> Iterator[Channel]:
-    """Take the messages of our own DBC for the string of this number, as far as its model can use them."""
+    """Yield the channels of our own DBC for the string of this number, as far as its model can use them."""
     wanted: list[tuple[Quantity, int | None]] = [
         (q, None) for q in WHOLE if q != "coolant_flow" or model.flow is not None
     ]
@@ -255,7 +255,7 @@ class _Wiring:
         return found
 
     def _statistic(self, key: str, source: Source) -> Channel:
-        """Take a reading that is the greatest, least or mean one of several cells."""
+        """Make the channel of a reading that is the greatest, least or mean one of several cells."""
         kind, text = next(iter(source.statistics.items()))
         where = f"{self.where}.surface.{key}.{kind}_of"
         try:
@@ -303,12 +303,12 @@ class _Wiring:
 
 
 def _refuse_senseless(key: str, source: Source, c: Channel, info: SignalInfo) -> None:
-    """Refuse a signal whose bits say nothing that the gateway believes, or everything within one of its steps.
+    """Refuse a signal whose bits have no plausible value, or whose step contains the whole plausible range.
 
     Raises
     ------
     ConfigError
-        Names the scale that does it, and which scales would be valid.
+        The message names the scale at fault, and the valid scales.
     """
     low, high = INPUTS[c.quantity].plausible
     step = abs(c.scale * info.scale)
@@ -337,12 +337,12 @@ def _refuse_senseless(key: str, source: Source, c: Channel, info: SignalInfo) ->
 
 
 def cell_list(text: str) -> tuple[int, ...]:
-    """Cells as people list them.
+    """Parse a list of cells.
 
     Raises
     ------
     ValueError
-        It is no such list.
+        It is not a list of cells.
 
     Examples
     --------

@@ -54,7 +54,7 @@ class Flow(Section):
 
 
 class Known(Section):
-    """`[before]`: what was known before any data; `[parameters]` has the same form."""
+    """`[before]`: priors before any data; `[parameters]` has the same form."""
 
     C_c: Parameter
     C_s: Parameter
@@ -79,12 +79,12 @@ class Part(Section):
 
     @property
     def share(self) -> Share:
-        """Give it as the model takes it."""
+        """Return it in the form of the model."""
         return Share(self.value, self.sd)
 
 
 class Cell(Section):
-    """`[cell]`: format as `thermal.cells.cell_of` reads it; the last two as `thermal.centre` explains them."""
+    """`[cell]`: format as in `thermal.cells.cell_of`; the last two as in `thermal.centre`."""
 
     format: str | None = None
     capacity_Ah: float | None = Field(default=None, gt=0.0, le=10_000.0)
@@ -93,7 +93,7 @@ class Cell(Section):
 
 
 class Tolerances(Section):
-    """`[tolerances]`: what is not a missing effect; shares of the value and K."""
+    """`[tolerances]`: differences that are no missing effect; shares of the value and K."""
 
     cell_R_e: float = Field(default=DEFAULT_TOLERANCES["cell_R_e"], ge=0.0, le=1.0)
     cell_R_u: float = Field(default=DEFAULT_TOLERANCES["cell_R_u"], ge=0.0, le=1.0)
@@ -133,7 +133,7 @@ def read_model(path: Path) -> StringModel:
 
 
 def parse_model(text: str, where: str = "model") -> StringModel:
-    """Read a string model from TOML text; `where` is what error lines call it."""
+    """Read a string model from TOML text; error lines call it `where`."""
     data = parse_toml(text, where)
     if "string" in data and "parameters" not in data:
         raise ConfigError(f"{where}: is a gateway config; a model file is needed, as its [[string]] entries name them")
@@ -221,9 +221,9 @@ def _model(file: ModelFile) -> StringModel:
 
 
 def _format(words: str | None) -> str | None:
-    """Check the description of the cell now; otherwise a diagnosis would stop half-way because of it."""
+    """Check the description of the cell now: a fault in it would stop a diagnosis half-way."""
     if words is not None:
-        # the service, whose models name no format as a rule, starts faster
+        # the service starts faster without it: its models name no format as a rule
         from bms_gateway.thermal.cells import cell_of
 
         try:
@@ -289,7 +289,7 @@ def _complete(model: StringModel, priors: Mapping[str, Prior], key: str) -> Mapp
     for name, needed in coupling.items():
         if needed and name not in priors:
             raise ConfigError(f'{key}.{name}: missing; condition = "{model.condition}" with several cells needs it')
-    # A file may name what its condition does not have: it stays right when only the condition is changed.
+    # A file may have couplings that its condition does not use: it stays valid when only the condition is changed.
     return {name: prior for name, prior in priors.items() if coupling.get(name, True)}
 
 

@@ -15,14 +15,14 @@ def put_right(where: str, config: GatewayConfig, database: Database) -> Database
     Parameters
     ----------
     where : str
-        What error lines call the config.
+        Name of the config in error lines.
     config : GatewayConfig
     database : Database
 
     Raises
     ------
     ConfigError
-        An override that the bits of the signal cannot follow, or two of one signal that differ.
+        The bits of a signal do not allow an override, or two overrides of one signal differ.
     """
     changed: dict[str, tuple[str, SignalInfo]] = {}
     for number, string in enumerate(config.string, 1):
@@ -43,7 +43,7 @@ def put_right(where: str, config: GatewayConfig, database: Database) -> Database
 
 
 def overridden(info: SignalInfo, source: Source) -> SignalInfo:
-    """Give a signal with the corrections of the config.
+    """Return a signal with the corrections of the config.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def overridden(info: SignalInfo, source: Source) -> SignalInfo:
 
 
 def _masked(info: SignalInfo, place: Place, mask: int) -> tuple[SignalInfo, Place]:
-    """Take the bits of a mask out of a signal; the value of each bit and the labels stay what they were.
+    """Reduce a signal to the bits of a mask; the value of each bit and the labels are kept.
 
     Raises
     ------
@@ -93,19 +93,19 @@ def _masked(info: SignalInfo, place: Place, mask: int) -> tuple[SignalInfo, Plac
         start = place.start + low
     choices = {raw >> low: text for raw, text in info.choices.items() if raw == raw & mask}
     start_raw = None if info.start_raw is None else float((int(info.start_raw) & mask) >> low)
-    # the words of J1939 for "not available" are those of the whole signal
+    # the raw values of J1939 for "not available" belong to the whole signal
     whole = info.j1939 and size == info.place.size
     info = replace(info, scale=info.scale * 2**low, choices=choices, start_raw=start_raw, j1939=whole)
     return info, replace(place, start=start, size=size)
 
 
 def turned(info: SignalInfo, big_endian: bool) -> Place:
-    """Give the same bytes in another order.
+    """Return the same bytes in the other order.
 
     Raises
     ------
     ConfigError
-        They are not whole bytes, so that nothing says which bits would be meant.
+        They are not whole bytes, so the meant bits are not determined.
     """
     place = info.place
     if place.big_endian == big_endian:

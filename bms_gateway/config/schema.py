@@ -48,8 +48,7 @@ class Source(Section):
     signed : bool or None
         Whether the bits are a two's complement, where the DBC declares the opposite.
     mask : int or None
-        The bits of the raw value that are the measurement, where the DBC takes others into it: one run of ones, as
-        0x0FFF.
+        The bits of the raw value that are the measurement, if the DBC includes others: one run of ones, as 0x0FFF.
     max_of, min_of, mean_of : str or None
         For a surface: the signal is the greatest, least or mean surface of these cells, such as "1-96" or "1,3,5-8".
     """
@@ -103,7 +102,7 @@ class Source(Section):
 
 
 class SignalsOfString(Section):
-    """What the keys of `[string.signals]` have in common; the keys are those of `INPUTS`."""
+    """Common part of `[string.signals]`; the keys are those of `INPUTS`."""
 
     @field_validator("surface", mode="before", check_fields=False)
     @classmethod
@@ -115,12 +114,12 @@ class SignalsOfString(Section):
         return given
 
     def of(self, quantity: Quantity) -> Source | None:
-        """Give the source of an input of the whole string."""
+        """Return the source of an input of the whole string."""
         source: Source | None = getattr(self, quantity)
         return source
 
     def of_cells(self, quantity: Quantity) -> dict[str, Source]:
-        """Give the sources of an input of cells, by cell as it is written."""
+        """Return the sources of an input of cells, by cell as written."""
         sources: dict[str, Source] = getattr(self, quantity)
         return sources
 
@@ -228,7 +227,7 @@ _UNKNOWN = Disturbance()
 
 
 class Observer(Section):
-    """`[observer]`: what the model does not know while it runs, as `thermal.Disturbance`."""
+    """`[observer]`: uncertainty of the model while it runs, as `thermal.Disturbance`."""
 
     heat_common_W: float = Field(default=_UNKNOWN.heat_common, ge=0.0, le=1e3)
     heat_cell_W: float = Field(default=_UNKNOWN.heat_cell, ge=0.0, le=1e3)
@@ -240,7 +239,7 @@ class Observer(Section):
 
     @property
     def disturbance(self) -> Disturbance:
-        """Give these settings as the observers take them."""
+        """Return these settings for the observers."""
         return Disturbance(
             heat_common=self.heat_common_W,
             heat_cell=self.heat_cell_W,
@@ -256,7 +255,7 @@ _CELLS = CellSettings()
 
 
 class Cells(Section):
-    """`[cells]`: what tells the cells of a string apart by their voltages, as `identify.cell_prior.CellSettings`."""
+    """`[cells]`: identification of single cells by their voltages, as `identify.cell_prior.CellSettings`."""
 
     joint_rel_sd: float = Field(default=_CELLS.joint_sd, ge=1e-3, le=0.5)
     voltage_skew_s: float = Field(default=_CELLS.skew_s, ge=0.0, le=10.0)
@@ -269,7 +268,7 @@ class Cells(Section):
 
     @property
     def settings(self) -> CellSettings:
-        """Give these settings as the identification takes them."""
+        """Return these settings for the identification."""
         spread = {"R_e": self.R_e_rel_sd, "R_u": self.R_u_rel_sd, "R_c": self.R_c_rel_sd, "C_c": self.C_c_rel_sd}
         return CellSettings(
             spread=spread,
@@ -287,7 +286,7 @@ class EngineSection(Section):
 
 
 class Metrics(Section):
-    """`[metrics]`: where Prometheus may ask; loopback unless another address is named, `"off"` for nowhere."""
+    """`[metrics]`: address for Prometheus; loopback unless another address is named, `"off"` for none."""
 
     listen: str = "127.0.0.1:9105"
 
@@ -315,7 +314,7 @@ class Metrics(Section):
 
 
 class Alerting(Section):
-    """`[alerts]`: when something wrong becomes an alert, and the limit of the hottest point.
+    """`[alerts]`: when a condition becomes an alert, and the limit of the hottest point.
 
     Attributes
     ----------
@@ -348,7 +347,7 @@ class Alerting(Section):
 
     @property
     def settings(self) -> AlertSettings:
-        """Give these settings as the engine takes them."""
+        """Return these settings for the engine."""
         return AlertSettings(self.grace_s, self.hold_s, self.clear_s, self.core_max_C, self.surface_max_C)
 
 

@@ -1,7 +1,7 @@
 """Text files of the user as bytes and as text, with one rule for all of how much memory they may take.
 
-A file is limited in bytes, and by the same number in the memory of its text: Python holds every character of a text in
-as many bytes as the widest one needs, so a single one beyond the Latin ones makes a text two or four times as large.
+A file is limited in bytes, and its text by the same number of bytes in memory: Python stores every character of a text
+with as many bytes as the widest one, so a single character beyond the Latin ones doubles or quadruples a text.
 """
 
 import codecs
@@ -14,16 +14,16 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
-from bms_gateway.config.bounds import READ_S
+from bms_gateway.config.read_bounds import READ_S
 from bms_gateway.errors import ConfigError, did_you_mean
 
 __all__ = ["WINDOWS", "decoded", "nearest_file", "read_bytes"]
 
 PIECE: Final = 1 << 20
 WINDOWS: Final = "cp1252"
-"""Of tools that know no other encoding: what it does not define is replaced."""
+"""Encoding of tools without UTF-8; undefined bytes are replaced."""
 _WIDE: Final = ((4, re.compile("[\U00010000-\U0010ffff]")), (2, re.compile("[\u0100-\uffff]")))
-"""Bytes that each character of a text takes which has one like these."""
+"""Bytes per character of a text that contains a character like these."""
 
 
 def decoded(raw: bytes, codec: str, path: Path, most: int) -> str:
@@ -34,15 +34,15 @@ def decoded(raw: bytes, codec: str, path: Path, most: int) -> str:
     raw : bytes
     codec : str
     path : Path
-        What errors call the file.
+        Name of the file in errors.
     most : int
 
     Raises
     ------
     ConfigError
-        The text is too large; names the character that makes it so, with its line.
+        The text is too large; the message names the widest character, with its line.
     UnicodeDecodeError
-        It is not of this encoding.
+        The file has another encoding.
     """
     if len(raw) > most // _WIDE[0][0]:  # else it is small enough with any character
         _refuse_wide(raw, codec, path, most)
@@ -74,7 +74,7 @@ def _refuse_wide(raw: bytes, codec: str, path: Path, most: int) -> None:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Read a file of the user of at most so many bytes; a longer one is refused before it is read.
+    """Read a file of the user of at most `most` bytes; a longer file is refused before it is read.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def _content(handle: int, most: int) -> bytes:
-    """Read up to `most` bytes; what is no plain file, such as a pipe, need not have an end."""
+    """Read up to `most` bytes; a file that is not plain, such as a pipe, may have no end."""
     plain = stat.S_ISREG(os.fstat(handle).st_mode)
     end = time.monotonic() + READ_S
     parts = []
@@ -115,7 +115,7 @@ def _content(handle: int, most: int) -> bytes:
 
 
 def nearest_file(path: Path) -> str:
-    """Tell the nearest name in the same folder, else the files of the same kind, as the end of an error line."""
+    """Name the nearest file in the same folder, else the files of the same kind, as the end of an error line."""
     try:
         beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
     except FileNotFoundError:

@@ -8,13 +8,13 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bms_gateway.config.bounds import bounded
+from bms_gateway.config.read_bounds import bounded
 from bms_gateway.config.text_file import decoded, read_bytes
 from bms_gateway.errors import ConfigError, clipped, did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
 MOST_BYTES = 16 << 20
-"""Of the text. A model file of a commissioned string of 200 cells, whose matrix has 800 rows, has 13 MB."""
+"""Longest text. A model file of a commissioned string of 200 cells, with a matrix of 800 rows, has 13 MB."""
 DEEPEST = 20
 MOST_SHOWN = 200
 
@@ -31,13 +31,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        Missing, unreadable or not TOML; names the nearest existing file, or the line.
+        Missing, unreadable or not TOML; the message names the nearest existing file, or the line.
     """
     return parse_toml(read_text(path), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML text; `where` is what error lines call it."""
+    """Parse TOML text; error lines call it `where`."""
     with bounded(where):
         try:
             data = tomllib.loads(text)
@@ -103,9 +103,9 @@ def validate(schema: type[M], data: object, where: str) -> M:
     ----------
     schema : type of BaseModel
     data : object
-        What the TOML parser gave.
+        Result of the TOML parser.
     where : str
-        What error lines call the file.
+        Name of the file in error lines.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def validate(schema: type[M], data: object, where: str) -> M:
     try:
         return schema.model_validate(data)
     except ValidationError as e:
-        # An unknown key is usually the reason for a missing one: it is told first.
+        # An unknown key is usually the reason for a missing one: it is reported first.
         faults = sorted(e.errors(include_url=False), key=lambda f: f["type"] != "extra_forbidden")
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigError(f"{where}: {_line(schema, faults[0])}{more}") from None

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.vocabulary import INPUTS, Quantity
 
-# Written unit → factor to SI, by what is measured. The first of each is what error lines propose.
+# Written unit → factor to SI, by kind. Error lines propose the first one.
 _RESISTANCE = {"mOhm": 1e-3, "Ohm": 1.0, "uOhm": 1e-6, "mohm": 1e-3, "ohm": 1.0, "uohm": 1e-6, "mΩ": 1e-3, "Ω": 1.0}
 _THERMAL_RESISTANCE = {"K/W": 1.0, "mK/W": 1e-3}
 _CAPACITY = {"J/K": 1.0, "kJ/K": 1e3}
@@ -28,7 +28,7 @@ PARAMETER_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 
-# What the effects of the catalogue are measured in. The unit that an effect shows picks its row.
+# Units of the catalogue's effects. The unit of an effect selects its row.
 _EFFECT_UNITS: tuple[Mapping[str, float], ...] = (
     _RESISTANCE,
     _THERMAL_RESISTANCE,
@@ -72,7 +72,7 @@ _SIGNAL_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyTyp
         },
     }
 )
-# What DBC files print for each kind, lower case; `other` is what no quantity here is measured in.
+# Units in DBC files for each kind, lower case; `other` are units of no quantity here.
 _KNOWN_UNITS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "current": frozenset({"a", "ma", "ka", "amp", "amps", "ampere", "amperes"}),

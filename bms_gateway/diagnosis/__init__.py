@@ -1,1 +1,1 @@
-"""Model against measurement: where it fails, and which physical effect is missing. No files, no clock."""
+"""Model compared with measurement: where it fails, and which physical effect is missing. No files, no clock."""

@@ -11,12 +11,13 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
 from bms_gateway.diagnosis.bounds import at_bound
-from bms_gateway.diagnosis.calibrate import UNTOLD, identify, seen_on, starting_with
+from bms_gateway.diagnosis.calibrate import UNTOLD, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose, errors
 from bms_gateway.diagnosis.error_words import falls, why_not
+from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import rmse, structure
@@ -33,12 +34,14 @@ from bms_gateway.thermal.effects import Effect, effect_named
 COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q in OPTIONAL}
 """Columns of a table that an effect may need."""
 FORCED = "Added by force, though"
-"""Remark on the cores of a model to which something was added against the records."""
+"""Remark on the cores of a model to which an effect was added against the records."""
 CANNOT_TELL = "These records cannot tell"
 LACKING = "these records lack something that is in no catalogue"
 UNKNOWN = "Something unknown remains beside what was added."
+SEARCH = 0.8
+"""Share of the work of an addition that is the search, where it is not known."""
 WAYS = 4
-"""Number of starts and places of one effect that are refitted; the screening promises less for the others."""
+"""Number of starts and places of one effect that are refitted; the others are less promising by the screening."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +69,7 @@ class Step:
     ----------
     added : tuple of Candidate
     after : MapFit
-        As the search fitted it: where the identification of its numbers starts.
+        From the search: its numbers are the start of the identification.
     log_odds : float
         Tempered log-odds of the model with the added effects against the model without them.
     refused : str
@@ -97,8 +100,8 @@ class Addition(Step):
     model : StringModel
         The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
-        Before and after: numbers and errors of both models, and their cores. A band that is not proven is not narrower
-        than the one before.
+        Before and after: numbers and errors of both models, and their cores. A band that is not proven is never
+        narrower than the band before.
     """
 
     model: StringModel
@@ -112,12 +115,12 @@ class Addition(Step):
 
 
 def wanted(word: str, model: StringModel) -> Wanted:
-    """Understand `EFFECT` or `EFFECT:CELL`.
+    """Parse `EFFECT` or `EFFECT:CELL`.
 
     Raises
     ------
     ConfigError
-        No such effect, no such place, or it is in the model already.
+        There is no such effect or place, or the effect is in the model already.
     """
     name, colon, text = word.partition(":")
     effect = effect_named(name)
@@ -139,14 +142,14 @@ def wanted(word: str, model: StringModel) -> Wanted:
 
 
 def asked_for(effects: Sequence[str], model: StringModel) -> list[Wanted]:
-    """Understand the effects that are to be added at once.
+    """Parse the effects that are to be added together.
 
     Raises
     ------
     ConfigError
-        As of `wanted`.
+        As for `wanted`.
     UsageError
-        There is none, or one is there twice.
+        No effect is named, or one is named twice.
     """
     wants = [wanted(word, model) for word in effects]
     if not wants:
@@ -193,21 +196,25 @@ def add_effects(
     wants : sequence of Wanted
         Judged together.
     progress : callable, optional
-        Told the share of the work done and what is being done.
+        Gets the share of the work done and the present step.
     ask : callable, optional
-        Gives a diagnosis as `diagnose` does; a caller that has one already can return it here.
+        Returns a diagnosis as `diagnose` does; a caller that already has one can return it here.
 
     Returns
     -------
     Addition
-        The fit starts from what was known before any data.
+        The fit starts from the priors before any data.
     """
-    d = ask(model.unfitted, records, progress=progress)
-    return _with_cores(weighed_step(d, wants), model, records, d)
+    tell = progress or (lambda _share, _text: None)
+    d = ask(model.unfitted, records, progress=lambda share, text: tell(SEARCH * share, text))
+    tell(SEARCH, "finding the numbers and the core with what is added")
+    added = _with_cores(weighed_step(d, wants), model, records, d)
+    tell(1.0, "done")
+    return added
 
 
 def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
-    """Give the cores of a diagnosed model as it is and, if effects are named, with these effects."""
+    """Return the cores of a diagnosed model and, if effects are named, those with these effects."""
     if not d.selected:
         return (known_core(model, records, d.identified[0], d.search.asked),)
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
@@ -215,7 +222,7 @@ def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis
 
 
 def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
-    """Add effects to the model, and let the search that gave the verdict judge them."""
+    """Add effects to the model, judged by the search that gave the verdict."""
     if d.second is not None and (d.search.baseline.problem.model.cells == 1 or not d.selected):
         found = _on_bench(d, d.second, wants)
         if found is not None:
@@ -230,7 +237,7 @@ def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
 
 
 def _doubts(d: Diagnosis) -> tuple[str, ...]:
-    """Give the reasons of a diagnosis why the core with the named effects is not proven."""
+    """Return the reasons of a diagnosis why the core with the named effects is not proven."""
     said = list(d.alarms)
     if d.verdict == "undecidable":
         tied = sorted({t for s in d.selected for t in s.tied_with})
@@ -241,7 +248,7 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
-    """Give the model that may be written, and the cores before and after; unproven bands do not get narrower."""
+    """Return the model that may be written, and the cores before and after; unproven bands do not get narrower."""
     before = known_core(model, records, d.identified[0], d.search.asked)
     same = bool(d.selected) and step.after is d.with_selected
     found = d.identified[1] if same else identify(starting_with(step.after, model), records)
@@ -250,7 +257,7 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
     said += [f"{FORCED}: {step.refused}."] if step.refused else []
     held_K = (errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit))
     said += [] if falls(*held_K) else ["The error where nothing was fitted does not fall with what was added."]
-    written, after = judged_model(found.fit, model, records, said, identified=found, before=before)
+    written, after = judged_model(found, model, records, said, before=before)
     own = {f.name: getattr(step, f.name) for f in fields(step)}
     written = _with_ties(written, step.tied)
     own["remark"] = step.remark or " ".join(tie_sentences(written))
@@ -258,7 +265,7 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
 
 
 def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:
-    """Take the fit of the second search, which allows for a model error; None if it has none with these effects."""
+    """Return the fit of the second search, which allows for a model error; None if it has none with these effects."""
     named = named_by(second)
     keys = [next((c.key for c in named if w.meets(c)), w.key) for w in wants]
     after = fit_with(second, keys)
@@ -326,14 +333,14 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
 
 
 def _likelier(d: Diagnosis, key: str) -> tuple[str, ...]:
-    """Give the named effects in the place of one of which this one was added, and what else is tied with them."""
+    """Return the named effects that replace the one for which this one was added, and others tied with them."""
     name = key.partition(":")[0]
     of = [s for s in d.selected if name in s.tied_with] or list(d.selected)
     return tuple(dict.fromkeys(t for s in of for t in (s.candidate.name, *s.tied_with) if t != name))
 
 
 def _with_ties(model: StringModel, tied: Mapping[str, tuple[str, ...]]) -> StringModel:
-    """Note at each added effect what these records cannot tell it from; nothing that the model has as well."""
+    """Store with each added effect the effects that these records cannot tell from it, except those in the model."""
     there = {e.name for e in model.effects}
     found = {key: tuple(t for t in names if t not in there) for key, names in tied.items()}
     return replace(model, effects=tuple(replace(e, tied_with=found.get(e.key, e.tied_with)) for e in model.effects))

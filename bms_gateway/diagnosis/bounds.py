@@ -1,4 +1,4 @@
-"""Numbers of an effect that a fit left at their bound: however well they fit, they prove nothing of the effect."""
+"""Numbers of an effect that a fit left at their bound: they do not prove the effect, even if they fit well."""
 
 from math import nan
 
@@ -10,7 +10,7 @@ from bms_gateway.identify.map_fit import MapFit
 
 
 def at_bound(fit: MapFit, c: Candidate) -> str:
-    """Say which number of an effect ends at a bound at which it does not vanish; empty where none does."""
+    """Say which number of an effect ends at a bound at which it does not vanish; empty if none does."""
     free = {x.name: float(z) for x, z in zip(fit.problem.coordinates, fit.theta, strict=True)}
     for p in c.effect.parameters:
         name = f"{c.key}.{p.name}"
@@ -23,6 +23,6 @@ def at_bound(fit: MapFit, c: Candidate) -> str:
 
 
 def believed_share(t: Trial) -> tuple[float, str]:
-    """Probability of a trial, and why it is refused; no probability where it rests on a number at its bound."""
+    """Probability of a trial, and why it is refused; NaN if one of its numbers is at its bound."""
     said = at_bound(t.fit, t.candidate)
     return (nan, "; ".join(filter(None, (t.why, f"{said}: no proof")))) if said else (t.share, t.why)

@@ -1,4 +1,4 @@
-"""Identification of a string from whole records, and the way back from a fit to the model that the gateway loads."""
+"""Identification of a string from whole records, and the conversion of a fit to the model that the gateway loads."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,36 +8,42 @@ import numpy as np
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.error_words import falls
+from bms_gateway.diagnosis.filed import bench_of, filed_fit, seen_on
 from bms_gateway.diagnosis.geometry import OF, odd_fitted
-from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, ModelError, averaged
+from bms_gateway.diagnosis.model_error import REFINEMENTS
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
-from bms_gateway.diagnosis.record import Record, in_held_out
+from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_windows import keeping, learned, untaught
 from bms_gateway.diagnosis.residuals import rmse, structured
 from bms_gateway.identify.contract import FIXED
-from bms_gateway.identify.coordinates import OWN, Measured
-from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.coordinates import OWN
 from bms_gateway.identify.map_fit import TO_THE_END, FitEffort, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
 FOLLOWED = 0.007
-"""Share of the surfaces' range that a model with effects may miss beyond their noise and be fitted as a whole. Fits
-that missed less had honest bands, simulated and measured; of those that missed more, half did not."""
+"""Greatest error of a model with effects beyond the noise, as a share of the surfaces' range, for a fit of the whole.
+Fits with a smaller error had honest bands, simulated and measured; half of those with a larger error had not."""
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior sd over prior sd above which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
 AGAINST_FORMAT = "against the cell's format: not believed"
+DOUBTED_FORMAT = "doubtful: unlike the cell's format"
+DOUBTED = "doubtful: the model lacks something"
+"""Status instead of `identified` if the readings show a model error beyond what the sd allow for."""
 LAST_DIGITS = FitEffort(60, least_gain=1e-3, refinements=REFINEMENTS)
-"""Of the numbers of a model with effects: in a long flat valley the core still moves by a kelvin for the usual gain."""
+"""Least gain for the numbers of a model with effects: in a long flat valley the core still moves by a kelvin at the
+usual one."""
 FIRM = 0.1
 """Relative prior sd up to which a parameter counts as known before the fit."""
 LEARNT = 0.9
 """The same ratio for a cell's departure from the others, below which the departure goes into the model."""
+SCATTERING = ("R_e", "R_u", "R_c")
+"""Numbers in which cells differ within the tolerances."""
 CALIBRATED = ("C_c", "C_s", "R_c")
-"""Numbers that a calibration with the core settles. Cooling depends on the place, resistance ages: both stay open."""
+"""Numbers that a calibration with the core fixes. Cooling depends on the place, resistance ages: both stay free."""
 CELL_SD = 0.03
 """Relative scatter of cells of one type: a calibration of one cell determines another cell no better."""
 
@@ -57,7 +63,7 @@ class Change:
         In this unit. `after_sd` is that of the posterior, with the evidence tempered by the structure of the residual.
     status : str
         `identified`, `weakly identified`, `not identifiable: why`, `at its bound: not believed`,
-        `against the cell's format: not believed` or `fixed`.
+        `against the cell's format: not believed`, `doubtful: …` or `fixed`.
     """
 
     name: str
@@ -72,18 +78,18 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The numbers of a model by some records, and the model error.
+    """The numbers of a model from some records, and the model error.
 
     Attributes
     ----------
     fit : MapFit
-        The numbers and their posterior, compared with all readings as they came: all that is shown of a fitted model,
-        and what goes into its file.
+        The numbers and their posterior, compared with all readings as they came: everything that is shown of a fitted
+        model, and the content of its file.
     closest : MapFit
-        The fit that comes closest to the surfaces, because it assumes no model error: it judges the model, as a search
-        does, and is no model to be used. The same fit if the model explains the readings.
+        The fit that is closest to the surfaces, because it assumes no model error. It judges the model, as a search
+        does, and is not for use. It is the same fit if the model explains the readings.
     model_error_K : float
-        Size of the slow error that the model was given; 0 where it explains the readings.
+        Size of the assumed slow error; 0 if the model explains the readings.
     """
 
     fit: MapFit
@@ -120,14 +126,14 @@ class ChannelError:
 def identify(
     model: StringModel, records: Sequence[Record], *, core: bool = False, closest: MapFit | None = None
 ) -> Identified:
-    """Fit a string to records, from what was known before any data.
+    """Fit a string to records, from the priors before any data.
 
     If the model cannot follow the surfaces to within their noise, the fit allows for a model error. Without it, the
     missing effect would count as white noise: it would move the numbers, and with them the core, far from the truth,
     with small standard deviations. The numbers then come from the windows of the live method (`record_windows`), if the
-    effects of the model change nothing but the heat in the cores and the inputs. Otherwise, what the model error leaves
-    that is not white lowers the weight of the data once more (`posterior`). If the rows of the current lie so far apart
-    that no window can use them, nothing is learnt from the records.
+    effects of the model change only the heat in the cores and the inputs. Otherwise, structure that remains besides the
+    model error lowers the weight of the data once more (`posterior`). If the rows of the current are so far apart that
+    no window can use them, nothing is learnt from the records.
 
     Parameters
     ----------
@@ -138,7 +144,7 @@ def identify(
     core : bool
         Whether to use thermocouples in cores too; nothing is then held out.
     closest : MapFit, optional
-        Fit of this model, before any data, to these records, as a search begins with it: it spares one.
+        Fit of this model, before any data, to these records, from the start of a search: it replaces a fit.
     """
     start = model.unfitted
     ready = [measured(r, start, core=core) for r in records] if closest is None else closest.problem.records
@@ -146,11 +152,10 @@ def identify(
     hopeless = max(doubt(r) for r in records) > HOPELESS
     if core or not (hopeless or structured(fit)):
         return Identified(fit, fit, 0.0)
-    settings = ModelError().fine if start.effects else ModelError()
-    bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
+    bench = bench_of(start, ready)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, LAST_DIGITS if start.effects else TO_THE_END)
-    whole = seen_on(found.map, ready)
+    whole = _settled(seen_on(found.map, ready), model)
     if start.effects and not hopeless and _missed(whole) <= FOLLOWED:
         return Identified(whole, fit, found.discrepancy.size)
     known = learned(start, ready, whole if start.effects else None)
@@ -159,29 +164,34 @@ def identify(
     if known is None:
         return Identified(whole, fit, found.discrepancy.size)
     believed = keeping(bench, found, known, np.sqrt(np.diag(posterior(whole))) if start.effects else None)
-    return Identified(seen_on(believed.map, ready), fit, believed.discrepancy.size)
+    return Identified(_settled(seen_on(believed.map, ready), model), fit, believed.discrepancy.size)
 
 
-def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
-    """Compare the numbers of a fit with other readings of its records: prediction and residual."""
-    problem = Problem(fit.problem.model, records, fit.problem.beliefs)
-    prediction = problem.predict(fit.theta, nu=fit.nu)
-    y, _, sigma0, step, _ = stacked(problem)
-    r, _ = generalised(y - prediction.y, sigma0, step)
-    return replace(fit, problem=problem, prediction=prediction, r=r, noise=None)
+def _settled(fit: MapFit, model: StringModel) -> MapFit:
+    """Fit again what belongs to the record of a fit, with the numbers that the model file will contain."""
+    problem = fit.problem
+    if len(problem.records) > 1:  # each has its own cooling, and no file has several
+        return fit
+    own = filed_fit(fitted_model(fit, model), problem.records, model_error=True)
+    found = dict(zip((c.name for c in own.problem.coordinates), own.theta.tolist(), strict=True))
+    found |= dict(zip((c.name for c in own.problem.nuisances), own.nu.tolist(), strict=True))
+    C = posterior(fit)
+    found |= {
+        problem.nuisances[i].name: 0.0
+        for symbol in SCATTERING
+        if not _told(fit, symbol, C)
+        for i in _cells_of(fit, symbol)
+    }
+    theta = [found.get(c.name, z) for c, z in zip(problem.coordinates, fit.theta.tolist(), strict=True)]
+    nu = [found.get(c.name, z) for c, z in zip(problem.nuisances, fit.nu.tolist(), strict=True)]
+    return seen_on(replace(fit, theta=np.array(theta), nu=np.array(nu)), problem.records)
 
 
 def _missed(fit: MapFit) -> float:
-    """Give the root mean square that a fit misses of the surfaces beyond their noise, as a share of their range."""
+    """Root mean square error of a fit at the surfaces beyond their noise, as a share of their range."""
     y, sigma, _, _, used = stacked(fit.problem)
     excess = float(np.mean(np.square((y - fit.y)[used]) - np.square(sigma[used])))
     return float(np.sqrt(max(excess, 0.0)) / max(np.ptp(y[used]), 1e-9))
-
-
-def held_out(m: Measured) -> Measured:
-    """Mark the averaged readings that lie in the held-out blocks of every record."""
-    at = m.row + m.share
-    return replace(m, used=~in_held_out(at / max(float(at.max()), 1.0)))
 
 
 def fitted_model(
@@ -198,8 +208,8 @@ def fitted_model(
     Parameters
     ----------
     fit : MapFit
-        Fit of the model, or of the model with more effects, that starts from what was known before any data; where it
-        starts is kept in `before` and in the `start` of each effect.
+        Fit of the model, or of the model with more effects, that starts from the priors before any data; this start is
+        kept in `before` and in the `start` of each effect.
     model : StringModel
         The model; its numbers before any data are kept in `before`.
     calibrated : bool
@@ -255,17 +265,17 @@ def fitted_model(
 
 
 def starting_with(fit: MapFit, model: StringModel) -> StringModel:
-    """Return a model before any data with the effects of a fit, whose numbers are where its identification starts."""
+    """Return a model before any data with the effects of a fit, whose numbers are the start of its identification."""
     effects = fitted_model(fit, model).effects
     return replace(model.unfitted, effects=tuple(replace(e, start=None) for e in effects))
 
 
-def changes(fit: MapFit) -> tuple[Change, ...]:
-    """List every number of a fit before and after the fit."""
+def changes(fit: MapFit, *, doubted: bool = False) -> tuple[Change, ...]:
+    """List every number of a fit before and after the fit; `doubted` as `KnownCore.numbers_doubted`."""
     model = fit.problem.model
     sd = np.sqrt(np.diag(posterior(fit)))
     sources = [m.source for m in fit.problem.records]
-    odd = _against_format(fit)
+    odd = _unlike_format(fit)
     found = []
     for name, prior in model.priors.items():
         kind = KINDS[name]
@@ -278,10 +288,10 @@ def changes(fit: MapFit) -> tuple[Change, ...]:
                 continue
             now = value * float(np.exp(fit.theta[i]))
             of = "" if c.record is None else sources[c.record]
-            status = AGAINST_FORMAT if name in odd else _status(fit, i, sd[i])
+            status = _status(fit, i, sd[i], odd, doubted)
             found.append(Change(name, of, kind.unit, value, value * prior.rel_sd, now, now * float(sd[i]), status))
     for e in model.effects:
-        found += [_effect_change(fit, e, p, sd) for p in effect_named(e.name).parameters]
+        found += [_effect_change(fit, e, p, sd, odd, doubted) for p in effect_named(e.name).parameters]
     return tuple(found)
 
 
@@ -314,7 +324,7 @@ def root_mean_square(x: Floats) -> float:
 
 
 def _mixed(fit: MapFit) -> tuple[list[str], Floats]:
-    """Give the names of the model's free numbers, and the matrix from coordinates to them, as means over records."""
+    """Return the names of the model's free numbers, and the matrix from coordinates to them, as means over records."""
     coordinates = fit.problem.coordinates
     plain = [c.name.partition("@")[0] for c in coordinates]
     names = [n for n in fit.problem.model.priors if n in plain]
@@ -330,13 +340,22 @@ def _scatter(fit: MapFit, name: str) -> float:
 
 
 def _departures(fit: MapFit, name: str, C: Floats) -> Floats | float:
-    """Factor of each cell (n,) on the string's value; 1 if the readings do not tell the cells apart."""
-    at = [i for i, c in enumerate(fit.problem.nuisances) if c.name.startswith(f"{name}[")]
+    """Factor of each cell (n,) on the string's value; 1 if the readings do not determine single cells."""
+    return np.asarray(1.0 + fit.nu[_cells_of(fit, name)]) if _told(fit, name, C) else 1.0
+
+
+def _cells_of(fit: MapFit, name: str) -> list[int]:
+    """Places of the cells' departures among the nuisances."""
+    return [i for i, c in enumerate(fit.problem.nuisances) if c.name.startswith(f"{name}[")]
+
+
+def _told(fit: MapFit, name: str, C: Floats) -> bool:
+    """Whether the cells' departures go into the model."""
+    at = _cells_of(fit, name)
     if not at or not len(fit.nu):
-        return 1.0
-    sd = np.sqrt(np.diag(C)[[len(fit.theta) + i for i in at]])
-    told = bool((sd < LEARNT * fit.linear.sd[at]).any())
-    return np.asarray(1.0 + fit.nu[at]) if told else 1.0
+        return False
+    sd, prior = np.sqrt(np.diag(C)[[len(fit.theta) + i for i in at]]), fit.linear.sd[at]
+    return bool((sd < LEARNT * prior).any())
 
 
 def _effect(fit: MapFit, e: AddedEffect, spread: Mapping[str, float]) -> AddedEffect:
@@ -351,7 +370,9 @@ def _effect(fit: MapFit, e: AddedEffect, spread: Mapping[str, float]) -> AddedEf
     return replace(e, values=values, sd=sd, start=e.values if any(sd.values()) else None)
 
 
-def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) -> Change:
+def _effect_change(
+    fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats, odd: Mapping[str, bool], doubted: bool
+) -> Change:
     name = f"{e.key}.{p.name}"
     before = p.prior / p.to_si
     before_sd = before * p.sd if p.log else p.sd / p.to_si
@@ -362,34 +383,43 @@ def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) 
     z = float(fit.theta[i])
     value = (float(np.exp(z)) if p.log else z) / p.to_si
     spread = value * float(sd[i]) if p.log else float(sd[i]) / p.to_si
-    return Change(name, "", p.unit, before, before_sd, value, spread, _status(fit, i, sd[i]))
+    return Change(name, "", p.unit, before, before_sd, value, spread, _status(fit, i, sd[i], odd, doubted))
 
 
-def statuses(fit: MapFit) -> list[str]:
-    """Decide for each coordinate of a fit whether the records identify it; no other place decides this."""
-    sd, odd = np.sqrt(np.diag(posterior(fit))), _against_format(fit)
-    names = [c.name for c in fit.problem.coordinates]
-    return [AGAINST_FORMAT if n in odd else _status(fit, i, float(sd[i])) for i, n in enumerate(names)]
+def statuses(fit: MapFit, *, doubted: bool = False) -> list[str]:
+    """Decide for each coordinate of a fit whether the records identify it; no other place decides this.
+
+    `doubted` as `KnownCore.numbers_doubted`.
+    """
+    sd, odd = np.sqrt(np.diag(posterior(fit))), _unlike_format(fit)
+    return [_status(fit, i, float(sd[i]), odd, doubted) for i in range(len(fit.theta))]
 
 
-def _against_format(fit: MapFit) -> set[str]:
-    """Symbols whose fitted values no cell of the model's format has."""
-    return {symbol for odd in odd_fitted(fit) if odd.excluded for symbol in OF[odd.name]}
+def _unlike_format(fit: MapFit) -> Mapping[str, bool]:
+    """Return the symbols whose fitted values are unusual for the model's format, and whether they are impossible."""
+    return {symbol: odd.excluded for odd in odd_fitted(fit) for symbol in OF[odd.name]}
 
 
-def _status(fit: MapFit, i: int, sd: float) -> str:
+def _status(fit: MapFit, i: int, sd: float, odd: Mapping[str, bool], doubted: bool) -> str:
     c = fit.problem.coordinates[i]
+    symbol = c.name.partition("@")[0] if c.effect is None else ""
+    if odd.get(symbol, False):
+        return AGAINST_FORMAT
     if fit.at_bound(c.name):
         return AT_BOUND
     if sd > UNTOLD * c.sd:
         if c.effect is None and c.sd <= FIRM:
             return f"{UNIDENTIFIABLE}: known to {100.0 * c.sd:.2g} % beforehand"
         return f"{UNIDENTIFIABLE}: the data say no more than was known"
+    if symbol in odd:
+        return DOUBTED_FORMAT
+    if doubted:
+        return DOUBTED
     return "weakly identified" if sd > WEAK * c.sd else "identified"
 
 
 def _rounded(x: Floats, to_si: float) -> Floats:
-    """Round to six significant digits of the number shown, far finer than its uncertainty."""
+    """Round to six significant digits of the shown number, far finer than its uncertainty."""
     return np.asarray([float(f"{v / to_si:.6g}") * to_si for v in np.ravel(x)]).reshape(np.shape(x))
 
 
@@ -398,7 +428,7 @@ def _short(sd: float) -> float:
 
 
 def _correlation(R: Floats) -> Floats:
-    """Give the correlation: symmetric, ones on the diagonal, rounded."""
+    """Return the correlation: symmetric, ones on the diagonal, rounded."""
     R = np.round(0.5 * (R + R.T), 6) + 0.0
     np.fill_diagonal(R, 1.0)
     return np.asarray(R)

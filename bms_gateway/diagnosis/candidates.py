@@ -11,7 +11,7 @@ from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect at one place, with the numbers its fit starts from.
+    """One effect at one place, with the start values of its fit.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Candidate:
     cell : int or None
     start : mapping of parameter to float, SI
     free : tuple of str, optional
-        Parameters that the record can determine; the others stay neutral. All if left out.
+        Parameters that the record can determine; the others stay neutral. All by default.
     """
 
     effect: Effect
@@ -29,7 +29,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
         return self.effect.name
 
     @property
@@ -53,30 +53,30 @@ class Candidate:
 
     @property
     def begin(self) -> dict[str, float]:
-        """Where a fit starts, by parameter (SI)."""
+        """Start of a fit, by parameter (SI)."""
         return {
             p.name: p.neutral if p.neutral is not None and not self.is_free(p) else self.start.get(p.name, p.probe)
             for p in self.effect.parameters
         }
 
     def added(self, values: Mapping[str, float] | None = None) -> AddedEffect:
-        """Return the effect as part of a model: numbers of the catalogue's start, or `values`."""
+        """Return the effect as part of a model, with the catalogue's start values or with `values`."""
         sd = {p.name: p.sd if self.is_free(p) else 0.0 for p in self.effect.parameters}
         return AddedEffect(self.name, self.cell, {**self.begin, **(values or {})}, sd)
 
     def put_into(self, model: StringModel, values: Mapping[str, float] | None = None) -> StringModel:
-        """Add the effect to a model, last."""
+        """Add the effect to a model, as its last one."""
         return replace(model, effects=(*model.effects, self.added(values)))
 
 
 def places(effect: Effect, cells: int, sensors: tuple[int, ...]) -> tuple[int | None, ...]:
-    """Cells on which an effect can sit."""
+    """Cells on which an effect can be."""
     if effect.place == "string":
         return (None,)
     if effect.place == "sensor":
         return sensors
     if effect.place == "gap":
-        return tuple(range(1, cells - 1))  # a loss of the stream after the last cell but one shows at no surface
+        return tuple(range(1, cells - 1))  # no surface shows a loss of coolant that begins after the next-to-last cell
     return tuple(range(1, cells + 1))
 
 
@@ -98,7 +98,7 @@ def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) 
     ----------
     model : StringModel
     drive : Drive
-        Its `known` tells which effects can be offered.
+        Its `known` decides which effects can be offered.
     surfaces : float, float
         Lowest and highest measured surface, °C.
     """

@@ -18,12 +18,12 @@ LEAST_S = 600.0
 
 
 def sensed_everywhere(model: StringModel) -> StringModel:
-    """Take the string with a surface sensor on each cell, for a run that has more of them than the vehicle.
+    """Return the string with a surface sensor on each cell, for a run with more sensors than the vehicle.
 
     Raises
     ------
     ConfigError
-        Cells of this model cannot be told apart.
+        Single cells of this model cannot be identified.
     """
     if model.cells == 1:
         raise ConfigError("--cells tells the cells of a string apart; this model has one cell")
@@ -42,7 +42,7 @@ def tell_apart(
     ----------
     model : StringModel
     record : Record
-        Read for `sensed_everywhere`.
+        Made for `sensed_everywhere`.
     settings : CellSettings
     disturbance : Disturbance
 
@@ -50,7 +50,7 @@ def tell_apart(
     -------
     CellResult
     notes : tuple of str
-        What was left out.
+        Parts that were left out.
 
     Raises
     ------

@@ -23,7 +23,7 @@ def state_of_charge(
     notes: list[str],
     terminal: Terminal | None = None,
 ) -> tuple[Floats | None, float]:
-    """Give the state of charge at the middle of each interval, and the sd of its level.
+    """Return the state of charge at the middle of each interval, and the sd of its level.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def state_of_charge(
     capacity_Ah : float or None
         Of the model file.
     notes : list of str
-        Taken further.
+        Notes are appended.
     terminal : Terminal, optional
         Voltages that determine the level of a counted charge.
 

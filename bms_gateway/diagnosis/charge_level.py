@@ -145,7 +145,7 @@ def _faded(current: Floats, dt: float) -> Floats:
 
 
 def _told(Q: Floats, doubt: Floats) -> np.ndarray:
-    """Choose the rows that are used: of each small step of the charge the one with the least load, if it is good."""
+    """Choose the rows that are used: in each small step of the charge the one with the least load, if it is good."""
     floor = float(min(REST_SD_V.values()))
     order = np.lexsort((doubt, np.round(Q / BIN)))
     first = order[np.diff(np.round(Q[order] / BIN), prepend=np.nan) != 0.0]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.geometry import odd_declared
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.diagnosis.together import along, cells_in_words, span
+from bms_gateway.diagnosis.together import along, cells_in_words, span, unread_sentence, unused_sentence
 from bms_gateway.errors import counted
 from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.drive import Drive
@@ -24,15 +24,15 @@ Severity = Literal["stop", "warn", "note"]
 SHORTEST_S = 300.0
 """Core and surface exchange heat in tens of seconds, surface and coolant in minutes; a shorter record shows neither."""
 FEWEST_READINGS, FEWEST_HELD = 12, 3
-"""Of one sensor, because the structure of a residual is looked for over up to eight readings (`residuals.LAGS`); and in
-the parts that are held out, which test a fit."""
+"""Least number for one sensor, because the structure of a residual is computed over up to eight readings
+(`residuals.LAGS`); and for the held-out parts, which test a fit."""
 RISE = 4.0
-"""Temperatures must change by this multiple of the error of one reading."""
+"""Least change of temperatures in multiples of the error of one reading."""
 ACTIVE, REST = 0.1, 0.03
 """Shares of the greatest current, above which a string works and below which it rests."""
 REST_S, PAUSE_S = 30.0, 10.0
-"""Least total rest for which the current at rest is reported, and least length of each: a current that passes through
-zero does not rest."""
+"""Least total rest for which the current at rest is reported, and least length of one rest: a current that passes
+through zero is no rest."""
 SOAK_S = 60.0
 """Least rest at the start after which constant temperatures can be compared."""
 STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
@@ -44,22 +44,21 @@ INLET_K = 0.5
 INLET_LOST_S = 120.0
 """An inlet that is missing for this time may have gone anywhere: the coolant of a pack changes within minutes."""
 STILL_INLET_S = 300.0
-"""Least time under current for which an inlet that otherwise moves stands still, until it is told."""
+"""Least time under current for which an otherwise moving inlet is constant before this is reported."""
 LOST_S, LOST = 30.0, 0.1
-"""A current that is missing for this time at once, or for this share of the record, leaves heat unknown that shows."""
+"""A current that is missing for this time at once, or for this share of the record, leaves visible heat unknown."""
 SOC_SPAN = 0.2
 ABSURD_K = 1000.0
-"""A predicted warming that no record can contain, because cells burn before."""
+"""A predicted warming that no record can contain, because cells would burn before."""
 STEADY = 0.05
 """Scatter of the squared current, relative to its mean, below which the current counts as constant."""
 MISSING = 0.25
 """Share of the readings."""
 LOOP = 0.8
 """Least correlation of flow with temperature at which a fan seems to follow the temperature."""
-SWAPPED_K = 0.5
-SATURATED = 0.02
+SWAPPED_K, SATURATED = 0.5, 0.02
 LEVELS = 0.05
-"""Share of the time at exactly the greatest current that is no chance, for this number of levels per interval."""
+"""Share of the time at exactly the greatest current that is not by chance, for this number of levels per interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +131,10 @@ def _length(r: Record, model: StringModel) -> Iterator[Finding]:
 
 
 def _readings(r: Record, _: StringModel) -> Iterator[Finding]:
+    if r.unused:
+        yield Finding("unused_readings", "warn", unused_sentence(r.unused))
+    for what, cells in r.unread.items():
+        yield Finding("no_readings", "warn", unread_sentence(what, cells))
     fitted = max(int(np.sum(~r.held & (r.sensor == j))) for j in range(len(r.cells)))
     held = int(np.sum(r.held))
     if fitted >= FEWEST_READINGS and held < FEWEST_HELD:
@@ -303,7 +306,7 @@ def _must_move(r: Record, model: StringModel, cell: int, first: int, last: int) 
 
 
 def _passable(p: StringParameters) -> StringParameters:
-    """Take the exact coolant exchange if the bulk node would overshoot."""
+    """Use the exact coolant exchange if the bulk node would overshoot."""
     return replace(p, coolant="ntu") if np.isfinite(p.C_f) else p
 
 
@@ -361,7 +364,7 @@ def _inlet(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def _still_inlet(r: Record) -> Iterator[Finding]:
-    """Find a time under current in which an inlet stands still that otherwise moves from reading to reading."""
+    """Find a time under current with a constant inlet that otherwise changes from reading to reading."""
     d, (first, last) = r.drive, r.sampling.inlet_still_s
     within = (r.instants[:-1] >= first) & (r.instants[:-1] < last)
     if float((_above(d, ACTIVE) & within).sum()) * d.dt >= STILL_INLET_S:
@@ -462,13 +465,13 @@ def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """List the runs of intervals that are on: the first one of each, and the one behind it."""
+    """List the runs of intervals that are on: the first interval of each, and the one after it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _surfaces(cells: Sequence[int], one: str, several: str) -> str:
-    """Name the surfaces of cells, with the verb that belongs to one or to several."""
+    """Name the surfaces of cells, with the singular or plural verb."""
     return f"the surface{'s' if len(cells) > 1 else ''} of {cells_in_words(cells)} {several if len(cells) > 1 else one}"
 
 

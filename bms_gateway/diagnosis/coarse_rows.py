@@ -1,12 +1,11 @@
 """Uncertainty of the surfaces from rows of the current that are far apart.
 
-Between two rows the current may step at any instant. The heat after the step is then unknown, and its effect on the
-surfaces lasts for minutes and is alike at all sensors. It looks like some effects of the catalogue, which did not cause
-it.
+Between two rows the current may step at any instant. The heat after the step is then unknown. Its effect on the
+surfaces lasts for minutes and is equal at all sensors. It looks like some effects of the catalogue that do not exist.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from bms_gateway.thermal import Floats
 
 ROWS_S, DOUBT = 1.5, 0.03
 """Distance of rows, above the usual second of a logger, and unknown share of a minute's heat, above which unknown heat
-was taken for a missing effect."""
+was mistaken for a missing effect."""
 HOPELESS = 0.2
 """Unknown share of a minute's heat above which no effect is named: the fit itself is then wrong, and even strong
 effects were given wrong names."""
@@ -39,11 +38,11 @@ def doubt(r: Record) -> float:
 
 
 def shows_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool_]) -> float:
-    r"""Compute how much better the readings are explained if each step of the current may lie between its rows.
+    r"""Log-evidence for steps of the current between its rows: improvement of the explanation of the readings.
 
     A step :math:`\Delta I^2` between rows d apart leaves the heat :math:`R_e \Delta I^2 d / \sqrt{12}` unknown (one
-    standard deviation), and the surfaces answer to it as to any heat in the core. With these answers as columns H,
-    in units of the noise, the residual r has the covariance :math:`1 + H H^T` in place of 1.
+    standard deviation), and the surfaces respond to it as to any heat in the core. With these responses as columns H,
+    in units of the noise, the residual r has the covariance :math:`1 + H H^T` instead of 1.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ def shows_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool
     records : sequence of Record
         Records from which those of the fit were made.
     counted : ndarray of bool (M,)
-        Readings that count. What is compared with the result must be judged by the same readings.
+        Readings that count. Results must be compared on the same readings.
 
     Returns
     -------
@@ -75,50 +74,106 @@ def shows_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool
 
 
 def less_steps(fit: MapFit, records: Sequence[Record]) -> MapFit:
-    """Return a fit with the residual that is left when the steps of the current lie where its readings put them.
+    """Return a fit with the residual that remains if the steps of the current are placed by the readings.
 
-    The readings that were fitted place the steps, and the numbers of the fit make room for them. What steps and numbers
-    then explain vanishes from all readings.
+    The fitted readings place the steps, and the numbers of the fit adjust. The part explained by steps and numbers is
+    removed from all readings.
     """
-    problem = fit.problem
-    _, sigma, _, _, used = stacked(problem)
-    sd = np.concatenate([[c.sd for c in problem.coordinates], fit.linear.sd])
-    away = np.concatenate([fit.theta - [c.prior for c in problem.coordinates], fit.nu])
-    steps = [_steps(r) for r in records]
-    edges = np.cumsum([len(sd), *map(len, steps)])
-    precision = np.diag(np.concatenate([sd**-2.0, np.ones(edges[-1] - edges[0])]))
-    pull = np.concatenate([-away / sd**2, np.zeros(edges[-1] - edges[0])])
-
-    def columns() -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]:
-        """Yield readings, numbers that move them, and how much, in units of the noise."""
-        reading = place = 0
-        for i, (record, m, at) in enumerate(zip(records, problem.records, problem.places, strict=True)):
-            found = _answers(fit, i, record, steps[i]) if len(steps[i]) else _channels(m)
-            for mine, answers in found:
-                k = at.place[mine] + place
-                X = np.concatenate([fit.J[k], fit.linear.J[k], answers], axis=1) / sigma[reading + mine, None]
-                yield reading + mine, np.r_[: edges[0], edges[i] : edges[i + 1]], X
-            reading, place = reading + len(m.y), place + len(at.first)
-
-    for mine, at, X in columns():
-        X = X * used[mine, None]
-        precision[np.ix_(at, at)] += X.T @ X
-        pull[at] += X.T @ fit.r[mine]
-    moved, r = np.linalg.solve(precision, pull), fit.r.copy()
-    for mine, at, X in columns():
-        r[mine] -= X @ moved[at]
+    used, r = stacked(fit.problem)[4], fit.r.copy()
+    numbers = numbers_and_steps(fit, records, used)
+    moved = numbers.moved()
+    for part in numbers.parts():
+        r[part.readings] -= part.columns @ moved[part.at]
     return replace(fit, r=r)
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Readings of one channel, and the numbers and steps on which they depend.
+
+    Attributes
+    ----------
+    record, cell : int
+        Record from 0, and cell from 1.
+    readings : ndarray of int (K,)
+        Indices among the readings of the fit.
+    at : ndarray of int (p,)
+        Indices of the numbers and steps on which they depend.
+    columns : ndarray (K, p)
+        Derivatives, in units of the noise.
+    """
+
+    record: int
+    cell: int
+    readings: NDArray[np.intp]
+    at: NDArray[np.intp]
+    columns: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class NumbersAndSteps:
+    """All numbers of a fit and all examined steps of the current: precision and gradient of the readings.
+
+    Attributes
+    ----------
+    fit : MapFit
+    records : sequence of Record
+    steps : sequence of ndarray of int
+        Of each record.
+    precision : ndarray (K, K)
+    pull : ndarray (K,)
+    """
+
+    fit: MapFit
+    records: Sequence[Record]
+    steps: Sequence[NDArray[np.intp]]
+    precision: Floats
+    pull: Floats
+
+    def moved(self) -> Floats:
+        """Change (K,) of numbers and steps by the readings."""
+        return np.asarray(np.linalg.solve(self.precision, self.pull))
+
+    def parts(self) -> Iterator[Part]:
+        """Yield the readings, channel by channel."""
+        problem, own = self.fit.problem, len(self.fit.theta) + len(self.fit.nu)
+        sigma = stacked(problem)[1]
+        edges = np.cumsum([own, *map(len, self.steps)])
+        reading = place = 0
+        for i, (record, m, at) in enumerate(zip(self.records, problem.records, problem.places, strict=True)):
+            found = _answers(self.fit, i, record, self.steps[i]) if len(self.steps[i]) else _channels(m)
+            for (_, cell), (mine, answers) in zip(m.channels, found, strict=True):
+                k = at.place[mine] + place
+                X = np.concatenate([self.fit.J[k], self.fit.linear.J[k], answers], axis=1)
+                numbers = np.r_[:own, edges[i] : edges[i + 1]]
+                yield Part(i, cell, reading + mine, numbers, X / sigma[reading + mine, None])
+            reading, place = reading + len(m.y), place + len(at.first)
+
+
+def numbers_and_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool_]) -> NumbersAndSteps:
+    """Place the steps of the current by the readings that count (M,), while the numbers of the fit adjust."""
+    sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
+    away = np.concatenate([fit.theta - [c.prior for c in fit.problem.coordinates], fit.nu])
+    steps = [_steps(r) for r in records]
+    count = sum(map(len, steps))
+    precision = np.diag(np.concatenate([sd**-2.0, np.ones(count)]))
+    found = NumbersAndSteps(fit, records, steps, precision, np.concatenate([-away / sd**2, np.zeros(count)]))
+    for part in found.parts():
+        X = part.columns * counted[part.readings, None]
+        found.precision[np.ix_(part.at, part.at)] += X.T @ X
+        found.pull[part.at] += X.T @ fit.r[part.readings]
+    return found
+
+
 def _steps(record: Record) -> NDArray[np.intp]:
-    """Give the steps of the current that are examined; none where each row is valid for its own time."""
+    """Return the examined steps of the current; none if each row is valid for its own time."""
     if record.sampling.doubt == 0.0 or record.drive.dt > ROWS_S * record.sampling.seconds:
         return np.zeros(0, np.intp)
     return np.sort(np.argsort(-np.abs(np.diff(record.drive.I2)))[:STEPS])
 
 
 def _channels(m: Measured) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield the readings of each channel, which no step moves."""
+    """Yield the readings of each channel, which no step changes."""
     for channel in range(len(m.channels)):
         mine = np.flatnonzero(m.channel == channel)
         yield mine, np.zeros((len(mine), 0))
@@ -137,22 +192,25 @@ def _answers(fit: MapFit, i: int, record: Record, steps: NDArray[np.intp]) -> It
     moved = Problem(problem.model, ms, problem.beliefs).predict(fit.theta, fit.prediction.X, fit.nu).X[i]
     rows, n = len(m.spans[0]) + 1, problem.model.cells
     answer = (moved - fit.prediction.X[i])[:rows, 1 : 2 * n : 2] / (size * u.dt)
-    span = np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
-    read_s = (m.row + m.share - span) * u.dt
     step = np.abs(np.diff(record.drive.I2))[steps] * record.sampling.seconds / np.sqrt(12.0)
-    at_s = (steps + 1.0) * record.drive.dt
-    begins = np.array([s.first for s in m.spans]) * u.dt
-    of = np.searchsorted(begins, at_s, side="right") - 1
+    at_s = np.asarray((steps + 1.0) * record.drive.dt, np.float64)
     for channel, (_, cell) in enumerate(m.channels):
         mine = np.flatnonzero(m.channel == channel)
-        lag = read_s[mine, None] - at_s
-        found = np.interp(lag, np.arange(rows) * u.dt, answer[:, cell - 1], left=0.0, right=0.0)
-        found[span[mine, None] != of] = 0.0
+        found = np.interp(since(m, mine, at_s), np.arange(rows) * u.dt, answer[:, cell - 1], left=0.0, right=0.0)
         yield mine, found * step
 
 
+def since(m: Measured, readings: NDArray[np.intp], at_s: Floats) -> Floats:
+    """Time (K, J), s, from instants (J,) to readings (K,); negative also for an instant of another span."""
+    span = np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row[readings], side="right")
+    begins = np.array([s.first for s in m.spans]) * m.drive.dt
+    of = np.searchsorted(begins, at_s, side="right") - 1
+    lag = ((m.row + m.share)[readings] - span)[:, None] * m.drive.dt - at_s
+    return np.where(span[:, None] == of, lag, -np.inf)
+
+
 def left_open(fit: MapFit, doubts: Sequence[float]) -> float:
-    """Compute how far readings may be from a right model because the current between its rows is unknown.
+    """Error of the readings of a right model because the current between its rows is unknown.
 
     Parameters
     ----------

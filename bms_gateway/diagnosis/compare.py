@@ -1,9 +1,9 @@
-"""Measurement and free-running model compared: where, when and in which regime they differ.
+"""Comparison of measurement and free-running model: where, when and in which regime they differ.
 
-Two models are compared with the readings: the filed model, of which only the start of each record is free, and the same
-model refitted within its priors, with the numbers that every command states. Where the refitted model does not explain
-the surfaces, its numbers may not come as close to them as other numbers would, because these would pay for what the
-model lacks. What even the closest numbers leave comes from the structure of the model; it is told beside the two.
+Two models are compared with the readings: the filed model, in which only what belongs to a record is free (`filed`),
+and the same model refitted within its priors, with the numbers of every command. If the refitted model does not explain
+the surfaces, other numbers may be closer to them, because they compensate for the missing effect. The error of even the
+closest numbers comes from the structure of the model; it is reported in addition.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
 from bms_gateway.diagnosis.core_known import KnownCore, known_core
-from bms_gateway.diagnosis.error_words import rises
-from bms_gateway.diagnosis.findings import core_sentences, refit_sentence, sensor_sentences, tie_sentences
+from bms_gateway.diagnosis.filed import filed_fit
+from bms_gateway.diagnosis.findings import core_sentences, refit_sentences, sensor_sentences, tie_sentences
 from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
 from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
@@ -22,15 +22,14 @@ from bms_gateway.diagnosis.prepare import joined, measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.regimes import FEATURES, seconds_of
 from bms_gateway.diagnosis.residuals import Structure, structure
-from bms_gateway.identify.map_fit import MapFit, fitted, stacked
-from bms_gateway.identify.problem import Problem
+from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.centre import probe_lever
 
 
 @dataclass(frozen=True, slots=True)
 class CoreCheck:
-    """Model compared with a thermocouple in a core that no fit has used, at the place that `core_probe` states.
+    """Model compared with a thermocouple in a core that no fit has used, at the position `core_probe`.
 
     Attributes
     ----------
@@ -38,7 +37,7 @@ class CoreCheck:
     rmse_K, bias_K : float
         Bias: thermocouple minus model.
     covered : float
-        Share of the readings within 1.96 sd; the sd contains the band and the place of the thermocouple.
+        Share of the readings within 1.96 sd; the sd contains the band and the uncertain position of the thermocouple.
     time_s, measured : ndarray (K,)
     """
 
@@ -70,7 +69,7 @@ class Variant:
     series : tuple of Series
     cores : tuple of CoreBand, one per record
     core_checks : tuple of CoreCheck
-        Of cores nothing is said by numbers that are not believed.
+        Empty for numbers that are not accepted.
     findings : tuple of str
     """
 
@@ -96,13 +95,13 @@ class Comparison:
     ----------
     sources : tuple of str
     filed, refitted : Variant
-        The cores of the filed model have the sd of the refitted model, plus the distance to it: the filed model is
-        taken as exact and has no sd of its own.
+        The cores of the filed model have the sd of the refitted model, plus the distance to it: the filed model counts
+        as exact and has no sd of its own.
     core : KnownCore
         How well these records determine the cores, and whether they are proven.
     closest : Variant or None
-        What other numbers of the same model leave of the error, which come clearly closer to the surfaces and are not
-        believed; None where there are none.
+        The model with other numbers that are clearly closer to the surfaces and are not accepted; None if there are
+        none.
     """
 
     sources: tuple[str, ...]
@@ -120,7 +119,7 @@ def compare(model: StringModel, records: Sequence[Record], core: KnownCore | Non
     model : StringModel
     records : sequence of Record
     core : KnownCore, optional
-        Of this model and these records, where it is known already.
+        For this model and these records, if it is already known.
 
     Returns
     -------
@@ -128,11 +127,11 @@ def compare(model: StringModel, records: Sequence[Record], core: KnownCore | Non
         Filed and refitted; readings of cores, if there are any, are used for `core_checks` only.
     """
     core = known_core(model, records) if core is None else core
-    # on the instants of the refit, which are chosen by the numbers before any data
+    # on the instants of the refit, which depend on the numbers before any data
     ready = [measured(r, model, join=joined(r, model.unfitted)) for r in records]
     refitted, closest = core.identified.fit, core.identified.closest
-    filed = fitted(Problem(as_filed(model), ready))
-    # the uncertainty of a model that is taken as exact: the move by refitting, and the sd after it
+    filed = filed_fit(model, ready, model_error=core.identified.model_error_K > 0.0)
+    # the uncertainty of a model that counts as exact: its change by refitting, and the sd after it
     doubted = tuple(
         replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
         for mine, best in zip(core_bands(filed), core.bands, strict=True)
@@ -141,25 +140,15 @@ def compare(model: StringModel, records: Sequence[Record], core: KnownCore | Non
     again = _variant("refitted", refitted, sensors_of(refitted), core.bands, records)
     if ties := tie_sentences(model):
         again = replace(again, findings=(*again.findings, *ties))
-    if core.identified.model_error_K > 0.0 and rises(as_is.trained.rmse_K, again.trained.rmse_K):
-        worse = refit_sentence(as_is.trained.rmse_K, again.trained.rmse_K)
-        again = replace(again, findings=(worse, *again.findings))
+    before, after = ((v.trained.rmse_K, v.held.rmse_K) for v in (as_is, again))
+    worse = refit_sentences(before, after, core.identified.model_error_K > 0.0)
+    again = replace(again, findings=(*worse, *again.findings))
     return Comparison(
         tuple(r.source for r in records),
         as_is,
         again,
         core,
         _variant("closest", closest, sensors_of(closest), (), records) if core.identified.comes_closer else None,
-    )
-
-
-def as_filed(model: StringModel) -> StringModel:
-    """Return the model with all its numbers taken as exact; only the start of each record stays free."""
-    return replace(
-        model,
-        priors={name: replace(p, rel_sd=0.0) for name, p in model.priors.items()},
-        effects=tuple(replace(e, sd=dict.fromkeys(e.values, 0.0)) for e in model.effects),
-        tolerances=dict.fromkeys(model.tolerances, 0.0),
     )
 
 

@@ -1,11 +1,11 @@
-r"""The core of a fitted model, and how wrong it could be although the surface agrees.
+r"""The core of a fitted model, and its possible error although the surface agrees.
 
 .. math:: v = J \Sigma J^T + s^2 (1 + R_c/R_u)^2 + m^2 \, (T_c - T_s)^2
 
 The posterior Σ of a fit, coordinates and nuisances together, gives the variance of the cores by their sensitivities J.
 The residual of the fit is not white, so the evidence is tempered by the autocorrelation of the residual, as in the
-search. A slow error s at the surface means an error s(1 + R_c/R_u) in the core. Two nodes may have a share m of core
-minus surface wrong, which no surface shows.
+search. A slow error s at the surface means an error s(1 + R_c/R_u) in the core. A share m of core minus surface may be
+wrong in a model of two nodes, and no surface shows it.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from bms_gateway.thermal.centre import centre_share, hottest_point, lagged, time
 from bms_gateway.thermal.drive import Span
 
 POINTS = 600
-"""Instants per record at which a core is stated with its sd: as many as a screen shows."""
+"""Instants per record at which a core is given with its sd: as many as a screen shows."""
 LUMPED = 0.05
 """m of a model whose core is proven: position of the core's thermocouple, conduction along the axis …"""
 UNPROVEN = 0.35
@@ -47,14 +47,14 @@ class CoreBand:
     remainder_K : ndarray (n,)
         Error of the core that the remaining structure at the surface may mean.
     lever_K : ndarray (K, n)
-        Core minus surface, of which two nodes may have a share wrong. The core is no better known where this difference
-        just changes sign, so half of its square is the record's mean.
+        Core minus surface, a share of which may be wrong in a model of two nodes. The core is not better known where
+        this difference changes its sign, so half of its square is the record's mean.
     gap_K, lag_K : ndarray (K, n)
         Core minus surface; the same, with the lag of the profile within the roll.
     roll : Share
         φ of `thermal.centre`.
     share : float
-        That share.
+        The share m.
     """
 
     record: int
@@ -80,7 +80,7 @@ class CoreBand:
 
     @property
     def centre_sd_K(self) -> Floats:
-        """Its standard deviation (K, n); the surface is measured, so a core's error is that of core minus surface."""
+        """Standard deviation (K, n) of the hottest point; the surface is measured, only core minus it is uncertain."""
         return np.asarray(np.hypot((1.0 + self.roll.value) * self.total_K, self.roll.sd * self.lag_K))
 
 
@@ -94,19 +94,18 @@ def typical_K(x: Sequence[Floats]) -> Floats:
     return np.asarray(np.sqrt(np.mean(np.concatenate(list(x)) ** 2, axis=0)))
 
 
-def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray, share: Floats | None = None) -> Measured:
-    """Give a record with other readings: `channels` at each of the rows of its trajectory.
+def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray) -> Measured:
+    """Return a record with other readings: `channels` at each of the rows of its trajectory.
 
-    Its own channels stay, without readings, because its start was taken from their thermocouples.
+    Its own channels are kept without readings, because its start was taken from their thermocouples.
     """
     K, C, own = len(row), len(channels), len(m.channels)
-    share = np.zeros(K) if share is None else share
     return replace(
         m,
         channels=(*m.channels, *channels),
         channel=own + np.repeat(np.arange(C), K),
         row=np.tile(row, C),
-        share=np.tile(share, C),
+        share=np.zeros(K * C),
         y=np.zeros(K * C),
         used=np.ones(K * C, np.bool_),
         sigma0=np.concatenate([m.sigma0, np.full(C, 0.1)]),
@@ -121,7 +120,7 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
     ----------
     fit : MapFit
     records : sequence of Measured
-        The fit's own, read elsewhere (`seen_at`).
+        The fit's own records, read elsewhere (`seen_at`).
 
     Returns
     -------
@@ -130,7 +129,7 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
         Per unit of [θ, ν].
     """
     problem = Problem(fit.problem.model, records)
-    nuisances = problem.nuisances = fit.problem.nuisances  # offsets of the sensors too, which have other places here
+    nuisances = problem.nuisances = fit.problem.nuisances  # including the sensors' offsets, whose places differ here
     moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates, nu=fit.nu)
     scatter = moved[:, :0]
     if len(fit.nu):
@@ -159,13 +158,13 @@ def core_bands(
     *,
     share: float = LUMPED,
 ) -> tuple[CoreBand, ...]:
-    """State the cores of each record of a fit.
+    """Return the cores of each record of a fit.
 
     Parameters
     ----------
     fit : MapFit
     structured_K : sequence of float, one per cell
-        Slow error of the surface; 0 where left out.
+        Slow error of the surface; 0 by default.
     share : float
         Share of core minus surface that may be wrong.
     """
@@ -208,10 +207,10 @@ def core_bands(
 
 
 def core_moved(before: MapFit, after: MapFit) -> tuple[float, float]:
-    r"""Compute how far effects move the cores, and how well the cores are known with the effects.
+    r"""Return the change of the cores by effects, and the uncertainty of the cores with the effects.
 
-    With s the standard deviation of a core and d the way that it moved, the move is one towards the truth with a
-    probability of :math:`\Phi(|d|/2s)`: a move within the band's half width says little about it.
+    With s the standard deviation of a core and d its change, the change is towards the truth with a probability of
+    :math:`\Phi(|d|/2s)`: a change within the band's half width says little about it.
 
     Parameters
     ----------
@@ -238,7 +237,7 @@ def at_times(band: CoreBand, cell: int, t: Floats, lever: Share | None = None) -
 
 
 def _thinned(spans: Sequence[Span]) -> np.ndarray:
-    """Choose rows of a trajectory, few enough to be shown, with both ends of each span."""
+    """Choose rows of a trajectory, few enough for a plot, with both ends of each span."""
     rows = sum(len(s) + 1 for s in spans)
     every = max(rows // POINTS, 1)
     found, first = [], 0

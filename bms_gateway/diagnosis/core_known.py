@@ -1,21 +1,21 @@
 """How well records determine the cores of a model, and whether the cores are proven; no other module decides this.
 
-`compare`, `diagnose`, `add`, `fit`, the reports and the workbench all ask `known_core`, so that one model and one set
-of records have one band. It depends on the model's structure, on what was known before any data, and on the records;
-never on the command that asks.
+`compare`, `diagnose`, `add`, `fit`, the reports and the workbench all call `known_core`, so that one model and one set
+of records have one band. It depends on the model's structure, its priors before any data, and the records, and never on
+the command.
 
 A core is **proven** by records if all of these hold:
 
 * the model file does not deny it: nothing was added by force, no witness of the search contradicted the core, no effect
   moved the core by less than its band, and none was chosen among several that explain the records equally well;
-* the records can show an effect at all: none of the direct checks refuses them, and the rows of the current do not lie
-  too far apart;
-* the model explains the surfaces: no structure is left, and the error holds on held-out readings, both by the limits of
-  `diagnose`. Otherwise there is a model error, whose effect on the core no surface shows;
+* the records can show an effect at all: none of the direct checks refuses them, and the rows of the current are not too
+  far apart;
+* the model explains the surfaces: no structure is left, and the error stays small on held-out readings, both by the
+  limits of `diagnose`. Otherwise there is a model error, whose effect on the core no surface shows;
 * no effect of the catalogue passes the gates of `diagnose`: a missing effect can move the core without a change of
   the surface;
-* no effect of the model looks the same at every surface as something that leaves another core (`Effect.elsewhere`);
-* no number ends at a bound, beyond `FAR` standard deviations of what was known of it, or against the cell's format.
+* no effect of the model looks at every surface like another one that leads to a different core (`Effect.elsewhere`);
+* no number ends at a bound, beyond `FAR` standard deviations from its prior, or against the cell's format.
 
 After `fit --calibrate`, a thermocouple in the core has confirmed the core: the third and fourth condition are then
 checked only if the model error exceeds `LARGE_K`.
@@ -26,10 +26,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.diagnosis.along_coolant import coolant_doubts
 from bms_gateway.diagnosis.calibrate import Identified, fitted_model, identify
 from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
 from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, typical_K
+from bms_gateway.diagnosis.exchange import exchanged_share
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.record import Record
@@ -45,33 +47,48 @@ from bms_gateway.thermal.effects import effect_named
 FAR = 3.0
 """Distance of a number from its prior, in sd of the prior, above which it is not plausible: one in four hundred."""
 LARGE_K = 0.3
-"""Model error at the surface above which not even a calibrated core counts as proven: that of a weak effect, of which
-R_c/R_u goes into the core."""
+"""Model error at the surface above which not even a calibrated core counts as proven: that of a weak effect, multiplied
+by R_c/R_u in the core."""
 ONE = Settings(effects=1, ways=0)
-"""Settings of the search: only whether any effect can be named."""
+"""Settings of the search: only to find whether any effect can be named."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownCore:
-    """Cores of a model, as some records determine them.
+    """Cores of a model, as determined by some records.
 
     Attributes
     ----------
     identified : Identified
-        The fit from which they are taken.
+        The fit of these cores.
     bands : tuple of CoreBand, one per record
     why : tuple of str
         Reasons why the core is not proven, a sentence each; empty if it is proven.
+    lacks : bool
+        Whether the readings show that the model lacks something.
+    exchanged : float or None
+        Share of core minus surface that may be wrong because heat leaves elsewhere (`exchange`), if this is the only
+        doubt about the core and is known; the bands contain it.
     """
 
     identified: Identified
     bands: tuple[CoreBand, ...]
     why: tuple[str, ...]
+    lacks: bool = False
+    exchanged: float | None = None
 
     @property
     def proven(self) -> bool:
         """Whether the core is proven."""
         return not self.why
+
+    @property
+    def numbers_doubted(self) -> bool:
+        """Whether the numbers also represent missing effects, and their sd do not allow for it.
+
+        In a fit with a model error, the sd allow for it.
+        """
+        return self.lacks and self.identified.model_error_K == 0.0
 
     @property
     def cell_sd_K(self) -> Floats:
@@ -93,6 +110,16 @@ class KnownCore:
         """95 % half width of each cell's core (n,), K."""
         return half_width_K(self.bands)
 
+    @property
+    def unseen(self) -> tuple[int, ...]:
+        """Cells, from 1, whose surface no record has: their cores follow from those of the other cells."""
+        return unseen(self.identified.fit)
+
+    @property
+    def unlike(self) -> float:
+        """Relative sd of R_e from cell to cell that the band of an unseen cell assumes."""
+        return unlike(self.identified.fit)
+
     def widened(self, share: float) -> "KnownCore":
         """Assume that at least this share of core minus surface may be wrong."""
         bands = tuple(replace(b, share=max(b.share, share)) for b in self.bands)
@@ -107,6 +134,17 @@ class KnownCore:
         return float(np.ceil(1e4 * share) / 1e4)
 
 
+def unseen(fit: MapFit) -> tuple[int, ...]:
+    """List the cells, from 1, whose surface none of a fit's records has."""
+    seen = {k for m in fit.problem.records for _, k in m.channels}
+    return tuple(k for k in range(1, fit.problem.model.cells + 1) if k not in seen)
+
+
+def unlike(fit: MapFit) -> float:
+    """Return the relative sd of R_e from cell to cell in a fit's model."""
+    return fit.problem.model.tolerances.get("cell_R_e", 0.0)
+
+
 def known_core(
     model: StringModel,
     records: Sequence[Record],
@@ -118,7 +156,7 @@ def known_core(
     Parameters
     ----------
     model : StringModel
-        The model; the fit starts from its numbers before any data, and its `doubts` stay.
+        The model; the fit starts from its numbers before any data, and its `doubts` are kept.
     records : sequence of Record
     identified : Identified, optional
         Result of `identify` for this model and these records, without thermocouples in cores; it replaces the fit.
@@ -129,49 +167,60 @@ def known_core(
     Returns
     -------
     KnownCore
-        The same for the same model and records, to the last bit, whatever was given.
+        The same for the same model and records, to the last bit, for any optional arguments.
 
     Notes
     -----
-    Costs a fit and, where that explains the surfaces, the first round of the search: as much as a diagnosis that finds
+    It costs a fit and, if this explains the surfaces, the first round of the search: as much as a diagnosis that finds
     nothing.
     """
     fitted = identify(model, records) if identified is None else identified
-    why = tuple(dict.fromkeys([*model.doubts, *_against(model, records, fitted, rounds)]))
-    return KnownCore(fitted, bands_of(fitted, UNPROVEN if why else LUMPED), why).widened(model.core_doubt)
+    doubts = [doubt(r) for r in records]
+    calibrated = model.posterior is not None and model.posterior.calibrated
+    confirmed = calibrated and fitted.model_error_K <= LARGE_K
+    lacks = [] if confirmed else _lacks(fitted, doubts, rounds)
+    said = [*_unusable(model, records, doubts), *lacks, *numbers_far(fitted.fit)]
+    said += coolant_doubts(fitted.closest) if said else ()  # alone it is no reason: the cooling of cells may differ
+    elsewhere = [] if calibrated else _elsewhere(model)
+    why = tuple(dict.fromkeys([*model.doubts, *said, *elsewhere]))
+    share = exchanged_share(fitted, records) if why and set(why) <= set(_elsewhere(model)) else None
+    assumed = LUMPED if not why else UNPROVEN if share is None else max(LUMPED, share)
+    bands = bands_of(fitted, assumed)
+    return KnownCore(fitted, bands, why, bool(lacks), share).widened(model.core_doubt)
 
 
 def judged_model(
-    fit: MapFit,
+    found: Identified,
     model: StringModel,
     records: Sequence[Record],
     said: Sequence[str] = (),
     *,
     calibrated: bool = False,
-    identified: Identified | None = None,
     before: KnownCore | None = None,
 ) -> tuple[StringModel, KnownCore]:
     """Return the model with the numbers of a fit, as it is written, and its cores as these records determine them.
 
     Parameters
     ----------
-    fit : MapFit
+    found : Identified
+        The fit.
     model : StringModel
         The model before the fit.
     records : sequence of Record
     said : sequence of str
-        Reasons against its cores that are known already.
+        Reasons against its cores that are already known.
     calibrated : bool
         Whether the fit has used thermocouples in cores.
-    identified : Identified, optional
-        As `known_core` takes it.
     before : KnownCore, optional
-        Cores whose band is a lower limit for the new one, unless the new cores are proven.
+        Cores whose band is a lower limit for the new one, unless the new cores are proven, or every reason against them
+        is measured.
     """
-    core = known_core(fitted_model(fit, model, calibrated=calibrated, not_proven=said), records, identified)
-    kept = model.core_doubt if model.effects and not calibrated else 0.0  # no new fit of the same effects ends it
+    fit, same = found.fit, None if calibrated else found
+    core = known_core(fitted_model(fit, model, calibrated=calibrated, not_proven=said), records, same)
+    kept = model.core_doubt if model.effects and not calibrated else 0.0  # a new fit of these effects keeps it
     share = 0.0 if core.proven else max(UNPROVEN, core.share_for(before) if before else kept)
-    if calibrated:  # the thermocouple may sit nearer to the centre or to the mean than the fit took it to
+    share = share if core.exchanged is None else core.exchanged
+    if calibrated:  # the thermocouple may be nearer to the centre or to the mean than in the fit
         lever = probe_lever(model)
         share = max(share, lever.sd / (1.0 + lever.value))
     error = core.identified.model_error_K
@@ -186,27 +235,23 @@ def bands_of(found: Identified, share: float) -> tuple[CoreBand, ...]:
     return core_bands(found.fit, left, share=share)
 
 
-def _against(
-    model: StringModel,
-    records: Sequence[Record],
-    fitted: Identified,
-    rounds: Sequence[Sequence[Trial]] | None,
-) -> list[str]:
+def _unusable(model: StringModel, records: Sequence[Record], doubts: Sequence[float]) -> list[str]:
+    """Say why records can show no effect at all."""
     said = [f"{r.source}: {f.sentence}" for r in records for f in check_record(r, model) if f.severity == "stop"]
-    doubts = [doubt(r) for r in records]
     if max(doubts) > HOPELESS:
         said.append("The rows of the current lie too far apart to know the heat between them.")
-    calibrated = model.posterior is not None and model.posterior.calibrated
-    if calibrated and fitted.model_error_K <= LARGE_K:
-        return said + numbers_far(fitted.fit)
+    return said
+
+
+def _lacks(fitted: Identified, doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None) -> list[str]:
+    """Say that the readings show a missing part of the model; empty if they do not."""
     own = f": it needs an error of its own of {fitted.model_error_K:.2g} K" if fitted.model_error_K else ""
     structured, fails_held = unexplained(fitted.closest, left_open(fitted.closest, doubts))
     if structured or fails_held:
         where = "the surfaces" if structured else "readings that were held out"
-        said.append(f"The model does not explain {where}{own}.")
-    elif lacks := _lacking(fitted.closest, doubts, rounds):
-        said.append(lacks)
-    return said + numbers_far(fitted.fit) + ([] if calibrated else _elsewhere(model))
+        return [f"The model does not explain {where}{own}."]
+    asked = _lacking(fitted.closest, doubts, rounds)
+    return [asked] if asked else []
 
 
 def _elsewhere(model: StringModel) -> list[str]:
@@ -222,9 +267,9 @@ def _lacking(fit: MapFit, doubts: Sequence[float], rounds: Sequence[Sequence[Tri
     if rounds is None:
         rounds = search(fit.problem.model, fit.problem.records, ONE, doubts=doubts, baseline=fit).rounds
     trials = rounds[0] if rounds else []
-    named = next((t.candidate.key for t in trials if t.passed), None)
+    named = next((t.candidate for t in trials if t.passed), None)
     if named is not None:
-        return f"These records ask for {named}, which the model lacks."
+        return f"These records ask for {named.effect.title} ({named.key}), which the model lacks."
     if any(t.log_odds > ONE.ahead for t in trials):
         return "These records lack something that no single effect of the catalogue explains."
     return ""

@@ -1,12 +1,12 @@
 """The entropic coefficient over the state of charge as a curve with a band, to be compared with a calorimetric curve.
 
-The effect itself has a level and four knots, enough to be found and to be predicted with. Once it is found, a last fit
-to all readings lets the curve depart from the straight lines between them, as far as dU/dT of real electrodes does,
-with all other numbers free. Two sets of R_e, R_c and R_u can explain one surface (Lin et al., Eq 9), the more so where
-R_c is greater than R_u. Heat and curve have another scale in each. So the fit is begun in two places, and the curve is
-the mean over both ends, weighted by their evidence. The band is that of the posteriors, widened by the Birge ratio of
-the strain, and by how far the ends lie apart. A level of the charge that is known to some sd only shifts the curve,
-which adds that sd times the slope.
+The effect itself has a level and four knots, which is enough to find it and to predict with it. After it is found, a
+last fit to all readings lets the curve differ from the lines between the knots, as much as dU/dT of real electrodes
+does, with all other numbers free. Two sets of R_e, R_c and R_u can explain one surface (Lin et al., Eq 9), especially
+if R_c is greater than R_u. Heat and curve have another scale in each set. So the fit starts from two points, and the
+curve is the mean of both results, weighted by their evidence. The band is that of the posteriors, widened by the Birge
+ratio of the strain, and by the distance of the results. An uncertain level of the charge shifts the curve, which adds
+its sd times the slope.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from bms_gateway.thermal.effects.entropic_heat import KNOTS
 from bms_gateway.thermal.effects.laws import by_knots
 
 TEMPERED = 5.0
-"""Factor on the evidence between two ends, because the model error is greater than the noise of the readings."""
+"""Factor on the evidence between the two results, because the model error is greater than the noise of the readings."""
 EFFORT = FitEffort(iterations=30)
 LOADED = 0.05
 """Least share of the greatest current with which a record determines the coefficient at its charge."""
@@ -66,7 +66,7 @@ def entropic_curve(found: MapFit, charge_sd: float = 0.0, error: ModelError | No
     Returns
     -------
     Curve or None
-        In mV/K; None without the effect, or where it has a level only.
+        In mV/K; None without the effect, or if it has only a level.
     """
     if not any(c.name.startswith("entropic_heat.dUdT_") for c in found.problem.coordinates):
         return None
@@ -83,7 +83,7 @@ def entropic_curve(found: MapFit, charge_sd: float = 0.0, error: ModelError | No
 
 
 def _of(fit: MapFit) -> tuple[Floats, Floats]:
-    """Tell the curve at `FINE`, V/K, and its variance."""
+    """Return the curve at `FINE`, V/K, and its variance."""
     names = [c.name for c in fit.problem.coordinates]
     E = np.stack([_shape(name) for name in names], axis=1)
     P = len(names)
@@ -94,7 +94,7 @@ def _of(fit: MapFit) -> tuple[Floats, Floats]:
 
 
 def _with_curve(found: MapFit, error: ModelError | None) -> list[MapFit]:
-    """Fit all readings with a free curve: from the numbers found, and from the priors."""
+    """Fit all readings with a free curve: from the found numbers, and from the priors."""
     shapes = EntropicCurve.parameters
     free = AddedEffect(EntropicCurve.name, None, {p.name: 0.0 for p in shapes}, {p.name: p.sd for p in shapes})
     model = replace(found.problem.model, effects=(*found.problem.model.effects, free))
@@ -104,12 +104,12 @@ def _with_curve(found: MapFit, error: ModelError | None) -> list[MapFit]:
         theta, bench = np.concatenate([found.theta, np.zeros(len(shapes))]), Bench(records, error)
         on = fit_with_error(bench, problem, theta, EFFORT, guess=found.prediction.X)
         return [on.map, fit_with_error(bench, problem, problem.begin, EFFORT).map]
-    # from the priors, because the straight lines have biased the other numbers
+    # from the priors, because the lines between knots have biased the other numbers
     return [fitted(problem), map_fit(problem, FitStart(problem.begin))]
 
 
 def _shape(name: str) -> Floats:
-    """Give the derivative of the curve at `FINE` by a number of the fit, V/K per unit."""
+    """Return the derivative of the curve at `FINE` by a number of the fit, V/K per unit."""
     effect, _, number = name.partition(".")
     if effect == "entropic_heat":
         knot = number.rpartition("_")[2]
@@ -122,7 +122,7 @@ def _shape(name: str) -> Floats:
 
 
 def _visited(fit: MapFit) -> np.ndarray:
-    """Which of `FINE` lie where some record has a current."""
+    """Which of `FINE` lie at charges at which some record has a current."""
     step = float(FINE[1] - FINE[0])
     there = np.zeros(len(FINE), np.bool_)
     for m in fit.problem.records:

@@ -4,8 +4,8 @@ A fit has columns J for all numbers that it may adjust. The part of an effect's 
 
 .. math:: S = h^T W h - h^T W J \, H^{-1} J^T W h,
 
-determines the evidence: a strength s gains ½ s² S of log-likelihood, less its Occam factor and its prior. Two effects
-whose remaining columns are parallel cannot be told apart.
+determines the evidence: a strength s gains ½ s² S of log-likelihood, minus its Occam factor and its prior. Two effects
+whose remaining columns are parallel cannot be distinguished.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from bms_gateway.thermal.effects import EffectParameter
 VISIBLE_ODDS = 3.0
 """Log-odds that an effect needs in the search."""
 ALIKE = 0.95
-"""Cosine above which two effects look alike: to tell them apart needs ten times the evidence that one of them needs."""
+"""Cosine above which two effects look alike: distinguishing them needs ten times the evidence for one of them."""
 LIKELY = 2.0
 """Sizes up to this number of prior sd count as usual."""
 
@@ -103,7 +103,7 @@ class Absorbed:
 
     @property
     def everything(self) -> tuple[str, ...]:
-        """All of it in sentences."""
+        """Return all of it in sentences."""
         return (*self.sentences, *(c.sentence for c in self.combinations))
 
 
@@ -134,7 +134,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
     Parameters
     ----------
     fit : MapFit
-        Of the model as it is.
+        Fit of the present model.
     offered : sequence of Candidate
     """
     gains = screen(fit, [c for c in offered if _sized(c)])

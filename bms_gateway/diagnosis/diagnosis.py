@@ -24,9 +24,9 @@ import numpy as np
 from bms_gateway.diagnosis.bounds import at_bound, believed_share
 from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
-from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, less_steps, shows_steps
+from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
 from bms_gateway.diagnosis.core_band import core_moved, posterior
-from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
+from bms_gateway.diagnosis.error_words import course, falls, only_fitted, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
@@ -37,12 +37,12 @@ from bms_gateway.diagnosis.residuals import (
     noise_floor,
     rmse,
     structure,
-    structured,
     unexplained,
     within,
 )
 from bms_gateway.diagnosis.search import Progress, Search, search
 from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
+from bms_gateway.diagnosis.wandering import more_than_rows
 from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -50,7 +50,7 @@ from bms_gateway.thermal import StringModel
 
 Verdict = Literal["adequate", "missing_effect", "undecidable", "unknown_effect", "insufficient_data"]
 
-ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
+ROWS_OPEN = " What the current does between its rows is not known: {:.2g} K of the error may come from that."
 EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
 """Least share of the structure's power, and of the held-out excess, that an effect must remove to be the named cause.
 The right effect removes more, unless the noise hides the structure."""
@@ -141,9 +141,9 @@ class Diagnosis:
     looks_like : tuple of str
         What an unknown effect resembles.
     ranking : tuple of Ranked
-        By the fits of the search, the closest to the readings that each model comes.
+        From the fits of the search, in which each model is as close to the readings as it can be.
     baseline, after : Errors
-        Of the model as it is and with the selected effects, by their `identified` numbers; of the search's fits
+        Of the present model and with the selected effects, from their `identified` numbers; from the search's fits
         before these are known.
     search : Search
     second : SecondSearch or None
@@ -151,9 +151,9 @@ class Diagnosis:
     alarms : tuple of str
         Reasons why the core of the model with the selected effects is not proven, a sentence each.
     more : str
-        What follows the first part of the verdict.
+        Further sentences of the verdict.
     identified : tuple of Identified
-        Of the model as it is and, if effects are selected, with these: the numbers that every command states.
+        For the present model and, if effects are selected, with them: the numbers of every command.
     """
 
     verdict: Verdict
@@ -177,17 +177,17 @@ class Diagnosis:
 
     @property
     def decided_by_second(self) -> bool:
-        """Whether effects and fits come from the second search; in a string it only casts doubt on the first search."""
+        """Whether effects and fits are those of the second search; for a string it only questions the first one."""
         return self.second is not None and self.search.baseline.problem.model.cells == 1
 
     @property
     def with_selected(self) -> MapFit:
-        """The model with the selected effects as the deciding search fitted it."""
+        """The model with the selected effects as fitted by the deciding search."""
         return self.second.best if self.second is not None and self.decided_by_second else self.search.final
 
     @property
     def fits(self) -> tuple[MapFit, MapFit]:
-        """The model as it is and with the selected effects: their numbers, compared with all readings."""
+        """The present model and the one with the selected effects: their numbers, compared with all readings."""
         return self.identified[0].fit, self.identified[-1].fit
 
 
@@ -203,10 +203,10 @@ def diagnose(
     ----------
     model : StringModel
     records : sequence of Record
-        Of one cell type; each with its own start, and its own cooling where there are several.
+        Records of one cell type; each has its own start, and its own cooling if there are several.
     settings : Settings, optional
     progress : callable, optional
-        Told the share of the work done and what is being done.
+        Gets the share of the work done and the present step.
     """
     tell = progress or (lambda _share, _text: None)
     d = _diagnosed(model, records, settings, lambda share, text: tell(0.9 * share, text))
@@ -226,12 +226,13 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
         begun = found.baseline
         found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts, baseline=begun)
         first = judged(found)
-        if first.verdict == "adequate" and structured(less_steps(found.baseline, records)):
-            # the rows leave room for an error of this size, but not for this one
+        if first.verdict == "adequate" and more_than_rows(found.baseline, records):
+            # the rows allow for an error of this size, but not for this one
             unknown = partial(something_unknown, looks=())
             first = replace(first, verdict="unknown_effect", unknown_remains=True, said=unknown)
     if first.verdict == "unknown_effect" and not found.hopeless and _heat_by_voltage(ready):
-        other = search(model, ready, settings, doubts=doubts, voltage=True, baseline=found.baseline)
+        with_voltage = replace(settings or Settings(), voltage=True)
+        other = search(model, ready, with_voltage, doubts=doubts, baseline=found.baseline)
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds
@@ -246,7 +247,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
 
 
 def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -> Diagnosis:
-    """State errors and numbers as every command does: of the model as it is, and with the selected effects."""
+    """Use the errors and numbers of every command, for the present model and with the selected effects."""
     begun = d.search.baseline if model.unfitted is model else None
     found = [identify(model, records, closest=begun)]
     if d.selected:
@@ -277,7 +278,7 @@ def _only_voltage(d: Diagnosis) -> bool:
 
 
 def judged(found: Search) -> Diagnosis:
-    """Give the verdict from the result of a search."""
+    """Return the verdict from the result of a search."""
     base, final = errors(found.baseline), errors(found.final)
     held = within(found.final)
     floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
@@ -315,7 +316,7 @@ def judged(found: Search) -> Diagnosis:
 
 
 def _with_doubt(d: Diagnosis) -> Diagnosis:
-    """Give the reasons why the core with the named effects is not proven.
+    """Add the reasons why the core with the named effects is not proven.
 
     Either no cell of the format has one of the numbers, or the effects move the core by less than its band: no surface
     shows which core is nearer to the truth.
@@ -348,13 +349,13 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
 
 
 def _doubtful(d: Diagnosis) -> bool:
-    """Whether a string's first search explains too little; in a long string, a second search takes minutes."""
+    """Whether a string's first search explains too little; for a long string, a second search takes minutes."""
     left = d.after.structure.power / max(d.baseline.structure.power, 1e-9)
     return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
 def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
-    """Give the verdict of the second search: its effects, its errors, its doubts."""
+    """Return the verdict of the second search: its effects, its errors, its doubts."""
     floor = first.baseline.noise_floor_K
     base, after = (
         Errors(rmse(seen, stacked(seen.problem)[4]), held, floor, structure(f))
@@ -395,7 +396,7 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         return Diagnosis(
             "unknown_effect", True, said, (), names, ranking, base, base, first.search, second, second.alarms, more
         )
-    # an effect that is probably another one is one of several
+    # an effect that is more probably another one is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
     more = predicted
@@ -415,7 +416,7 @@ def errors(fit: MapFit) -> Errors:
 
 
 def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
-    """Numbers of one effect of a fit in the units shown to people; sd by the delta method where it is a logarithm."""
+    """Numbers of one effect of a fit in the units shown to people; sd by the delta method if it is a logarithm."""
     sd = np.sqrt(np.diag(posterior(fit)))
     found = {}
     for p in filter(c.is_free, c.effect.parameters):
@@ -447,7 +448,7 @@ def named(c: Candidate) -> str:
 
 
 def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noqa: ARG001 - as of the other verdicts
-    """Say that the model is adequate; `closest` are the errors of the fit that was judged."""
+    """Say that the model is adequate; `closest` are the errors of the judged fit."""
     apart = falls(base.heldout_rmse_K, closest.heldout_rmse_K)
     own = f" The numbers that are stated are held near what was known and leave {base.heldout_rmse_K:.2g} K."
     return (
@@ -458,7 +459,7 @@ def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noq
 
 
 def something_unknown(base: Errors, after: Errors, looks: Sequence[str]) -> str:  # noqa: ARG001 - as above
-    """Say that an effect is missing which the catalogue does not contain; `looks` are similar effects."""
+    """Say that an effect outside the catalogue is missing; `looks` are similar effects."""
     like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
     return (
         f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
@@ -475,17 +476,18 @@ def missing(
     known_K: tuple[float, float] | None = None,
 ) -> str:
     """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown."""
-    floor = base.noise_floor_K
+    held = base.heldout_rmse_K, after.heldout_rmse_K
     names = " and ".join(named(s.candidate) for s in selected)
     them = "it" if len(selected) == 1 else "them"
-    moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
-    text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
-    if not falls(base.heldout_rmse_K, after.heldout_rmse_K) and known_K is not None and falls(*known_K):
+    lead = "Perhaps missing" if only_fitted(held, known_K) else "Missing"
+    noise = f"(noise {base.noise_floor_K:.2g} K)"
+    text = f"{lead}: {names}. With {them} the error on held-out blocks {course(*held)} {noise}."
+    if not falls(*held) and known_K is not None and falls(*known_K):
         text += (
             " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
             f"there; elsewhere it {course(*known_K)}."
         )
-    elif not falls(base.heldout_rmse_K, after.heldout_rmse_K):
+    elif not falls(*held):
         text += f" These readings speak for {them} only where {'it was' if len(selected) == 1 else 'they were'} fitted."
     for s in selected:
         if s.bound:

@@ -1,9 +1,9 @@
-"""How an error moved, in words: the same wherever a model is told before and after."""
+"""Words for the change of an error, used wherever a model is compared before and after a step."""
 
 from collections.abc import Callable
 
 LEAST = 0.02
-"""Relative: a smaller change of an error is none that a user could act on."""
+"""Relative change of an error below which it is called unchanged, because no user could act on it."""
 
 
 def falls(before: float, after: float) -> bool:
@@ -14,6 +14,14 @@ def falls(before: float, after: float) -> bool:
 def rises(before: float, after: float) -> bool:
     """Whether an error rises by enough to be called that."""
     return after > (1.0 + LEAST) * before
+
+
+def only_fitted(*errors: tuple[float, float] | None) -> bool:
+    """Whether the change lowers the error of the fitted readings but none of these errors on held-out readings.
+
+    Each is (before, after), K, or None if it is not known.
+    """
+    return not any(falls(*e) for e in errors if e is not None)
 
 
 def course(before: float, after: float, show: Callable[[float], str] = "{:.2g}".format) -> str:
@@ -43,7 +51,7 @@ def course(before: float, after: float, show: Callable[[float], str] = "{:.2g}".
 
 
 def why_not(before: float, after: float) -> str:
-    """Say why effects that do not explain the readings are refused, by what they do to the error of the closest fits.
+    """Say why effects that do not explain the readings are refused, by the error of the closest fits before and after.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-r"""The next drive, or the place of a further sensor, with which two explanations of a record can be told apart.
+r"""The next drive, or the place of one more sensor, by which two explanations of a record can be distinguished.
 
 Both explanations are simulated over each test of a library, with their fitted numbers. The part of the difference that
 a refit could remove is subtracted: with d the difference of the predictions and J the columns of all numbers that the
@@ -7,7 +7,7 @@ wrong explanation may adjust,
 .. math:: χ^2 = d^T W d - d^T W J (J^T W J + Λ)^{-1} J^T W d, \qquad \text{expected log-odds} = χ^2/2
 
 where Λ is the precision of its numbers from the present records: the posterior for numbers that stay the same, the
-prior for those that each record has anew (start, cooling, sensor offsets). The smaller value of both directions counts.
+prior for those that each record has for itself (start, cooling, sensor offsets). The smaller of both directions counts.
 """
 
 from collections.abc import Sequence
@@ -36,13 +36,13 @@ NEAR = 3.0
 """Log-odds within which the effect may sit on another cell."""
 MOST_PAIRS = 3
 MOST_BYTES = 200_000_000
-"""Of columns that are kept for a further use."""
+"""Least share of the columns that is kept for further use."""
 WORK = 12_000
-"""Most cells times intervals of a test; beyond it, intervals are joined, two and two …"""
+"""Most cells times intervals of a test; beyond it, intervals are joined in pairs …"""
 COARSEST_S = 16.0
-"""… up to here."""
+"""… up to this length."""
 START_SD = 1.0
-"""K: the start of each cell is read from its own sensor, whatever the explanations say about this reading."""
+"""K: the start of each cell is read from its own sensor, for any explanation of this reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Experiment:
 
 
 def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | None:
-    """Find the test that tells a search's tied explanations apart.
+    """Find the test that distinguishes a search's tied explanations.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | N
 def _further_sensors(
     pairs: Sequence[tuple[Trial, Trial]], library: Sequence[Plan], forecasts: "_Forecasts", odds: Floats
 ) -> dict[int, Sensor]:
-    """Find for each pair that no test tells apart the best place of one more sensor."""
+    """Find the best place of one more sensor for each pair that no test distinguishes."""
     model = pairs[0][0].fit.problem.model
     further = sorted(set(range(1, model.cells + 1)) - set(model.sensors))
     best: dict[int, Sensor] = {}
@@ -209,7 +209,7 @@ class _Known:
 
 
 class _Forecasts:
-    """Predictions of explanations for the tests of a library; those of a long string are made anew where they are used.
+    """Predictions of explanations for the tests of a library; those of a long string are computed where they are used.
 
     A test of a string of sixty has columns of a hundred megabytes.
     """
@@ -240,7 +240,7 @@ class _Forecast:
         model, m = fit.problem.model, fit.problem.records[0]
         record = planned(m, plan, model.cells)
         theta, _ = _carried(known, Problem(model, [record]))
-        # starts are taken from readings: those that sensors would give, as this fit knows them, on soaked cells
+        # starts come from readings: those of sensors on soaked cells, according to this fit
         soaked = record.start[0]
         state = Problem(model, [record]).numbers(0, theta)[1][0]
         record = replace(record, start=(2.0 * soaked - state[1 : 2 * model.cells : 2],))
@@ -255,7 +255,7 @@ class _Forecast:
         self.J = np.concatenate([J, Jn], axis=1)
         self.inflation = known.inflation
         self.cell = np.array([k for _, k in record.channels])[record.channel]
-        # a plan is read once per interval, the sensors of the record at their own pace
+        # a plan is read once per interval, the record's sensors at their own rate
         pace = len(m.y) / (m.drive.N * m.drive.dt * len(m.channels))
         sigma = {k: s for (_, k), s in zip(m.channels, np.sqrt(m.sigma0**2 + m.step**2 / 12.0), strict=True)}
         usual = float(np.median(list(sigma.values())))
@@ -277,7 +277,7 @@ def _between(a: _Forecast, b: _Forecast, sensors: Sequence[int]) -> float:
 
 
 def planned(m: Measured, plan: Plan, cells: int) -> Measured:
-    """Make the record of a plan: read on all cells at each instant, with uniform temperature at the start."""
+    """Make the record of a plan: readings on all cells at each instant, with a uniform temperature at the start."""
     u = plan.drive
     while cells * u.N > WORK and 2.0 * u.dt <= COARSEST_S:
         u = every_second(u, (Span(0, u.N),))[0]
@@ -302,7 +302,7 @@ def planned(m: Measured, plan: Plan, cells: int) -> Measured:
 
 
 def _carried(known: _Known, new: Problem) -> tuple[Floats, Floats]:
-    """Coordinates (P,) that a fit takes into a new record, and the precision (P + Q, P + Q) of all of its numbers."""
+    """Coordinates (P,) that a fit keeps in a new record, and the precision (P + Q, P + Q) of all of its numbers."""
     fit, old = known.fit, known.fit.problem
     before = [*old.coordinates, *old.nuisances]
     at = {c.name: i for i, c in enumerate(before) if c.record is None and c.name not in OWN}

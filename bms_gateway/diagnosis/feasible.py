@@ -1,7 +1,7 @@
 """Tests that a bench or a parked vehicle can drive: current, inlet and flow, within the range of the record itself.
 
-Each is built from the record: its greatest currents, its own drive where a drive is asked for, its mean inlet, and the
-capacity of the cells, so that the charge stays where it may be. All start with every cell at the inlet's temperature.
+Each test is built from the record: its greatest currents, its own drive if a drive is needed, its mean inlet, and the
+capacity of the cells, so that the charge stays within its limits. All start with every cell at the inlet's temperature.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 
 STEP_S = 4.0
-"""Interval of the plans: shorter than what tells a surface from a core."""
+"""Interval of the plans: short enough to distinguish a surface from a core."""
 MINUTES = 40.0
 INLET_K = 10.0
 FLOWS = (0.5, 1.5)
@@ -37,7 +37,7 @@ class Plan:
     instruction : str
         What to do, as part of a sentence.
     drive : Drive
-        Soaked at `drive.T_in[0]` when it begins.
+        Cells are soaked at `drive.T_in[0]` when it begins.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Plan:
 
     @property
     def minutes(self) -> float:
-        """How long it takes."""
+        """Duration."""
         return float(self.drive.hours[-1] * 60.0 + 0.5 * self.drive.dt / 60.0)
 
 
@@ -76,7 +76,7 @@ class Limits:
 
 
 def limits_of(m: Measured, model: StringModel) -> Limits:
-    """Read the limits off a record."""
+    """Take the limits from a record."""
     u = m.drive
     out, back = float(np.quantile(u.I, 0.998)), float(np.quantile(-u.I, 0.998))
     gentle = GENTLE_C * model.capacity_Ah if model.capacity_Ah else max(out, back) / 3.0
@@ -104,7 +104,7 @@ def limits_of(m: Measured, model: StringModel) -> Limits:
 
 
 def plans(limits: Limits, model: StringModel) -> tuple[Plan, ...]:
-    """Lay out the library of tests; flow steps only where a stream warms up along the string."""
+    """Build the library of tests; flow steps only if a stream warms up along the string."""
     found = [make(limits) for make in LIBRARY]
     return tuple(p for p in found if p.name != "flow_steps" or model.has_coolant_path)
 
@@ -237,7 +237,7 @@ def _with_inlet(name: str, text: str, levels: Sequence[float], *, driving: bool 
             current, square = np.zeros(len(current)), np.zeros(len(current))
         at = np.minimum(np.arange(len(current)) * len(levels) // len(current), len(levels) - 1)
         inlet = np.asarray(levels)[at]
-        if len(set(levels)) > 1:  # ducts and flaps take some seconds
+        if len(set(levels)) > 1:  # ducts and flaps need some seconds
             inlet = np.convolve(np.pad(inlet, (4, 0), mode="edge"), np.full(5, 0.2), "valid")
         return Plan(name, text, _drive(limits, current, square=square, inlet=inlet))
 

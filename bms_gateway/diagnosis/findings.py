@@ -1,10 +1,11 @@
-"""What a comparison found, in plain sentences."""
+"""Results of a comparison in plain sentences."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
+from bms_gateway.diagnosis.error_words import rises
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
@@ -17,9 +18,9 @@ SPREAD = 0.3
 TOGETHER = 4
 """Least number of cells with the same pattern that share one sentence."""
 TOGETHER_CONSTANT = 2
-"""The same where the error is constant: a sentence of each would tell nothing else."""
+"""The same for a constant error: separate sentences would give no further information."""
 SHORT_S = 120.0
-"""Times shorter than this are told in tenths of a minute."""
+"""Shorter times are given in tenths of a minute."""
 LARGE_CORE_K = 1.0
 """95 % half width of a core above which a warning is given although the surface agrees."""
 
@@ -38,7 +39,7 @@ def sensor_sentences(
     blocks : sequence of Block
     explained : sequence of (feature, share)
     records : int
-        How many there are.
+        Number of records.
     """
     bad = [s for s in sensors if s.disagrees]
     fine = [s.cell for s in sensors if not s.disagrees]
@@ -51,7 +52,7 @@ def sensor_sentences(
         feature, share = explained[0]
         titles = {r.feature: r.title for s in bad for r in s.regimes}
         if feature in titles and share > WORTH:
-            what = "is a constant offset" if feature == "always" else f"follows the {titles[feature]}"
+            what = "comes from the mean of the error" if feature == "always" else f"follows the {titles[feature]}"
             found.append(f"{100.0 * share:.0f} % of the squared error above the noise {what}.")
     if blocks and (when := _when(blocks, records)):
         found.append(when)
@@ -59,7 +60,7 @@ def sensor_sentences(
 
 
 def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
-    """Say how wrong the core could be, and warn if the surface agrees all the same."""
+    """State the possible error of the core, and warn if the surface agrees nevertheless."""
     half = half_width_K(bands)
     k = int(np.argmax(half))
     core = f"the core of cell {k + 1}"
@@ -73,11 +74,13 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
         text = f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %): they alone do not settle it."
     else:
         text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
-    return (text,)
+    if k + 1 in {s.cell for s in sensors}:
+        return (text,)
+    return (f"{text} Cell {k + 1} has no thermocouple: this holds only where its R_e is that of the other cells.",)
 
 
 def tie_sentences(model: StringModel) -> tuple[str, ...]:
-    """Say which effects of a model could be others, by the records by which they were added."""
+    """Say which effects of a model may be others, according to the records by which they were added."""
     return tuple(
         f"The records by which {e.key} was added cannot tell it from {', '.join(e.tied_with)}: "
         f"{'it' if len(e.tied_with) == 1 else 'each of them'} would explain them as well."
@@ -86,13 +89,31 @@ def tie_sentences(model: StringModel) -> tuple[str, ...]:
     )
 
 
-def refit_sentence(before: float, after: float) -> str:
-    """Say why a refit follows the surfaces less closely, by its error `after`, K, than the file, by `before`, K."""
-    return (
-        "The refitted numbers follow the surfaces less closely than those of the file: "
-        f"{after:.3g} K, not {before:.3g} K. The model lacks something, and the refit allows for "
-        "that: its numbers are not those that come closest to these surfaces."
-    )
+def refit_sentences(before: tuple[float, float], after: tuple[float, float], lacks: bool) -> tuple[str, ...]:
+    """Say where a refit follows the surfaces less closely than the file; empty if it does not.
+
+    Parameters
+    ----------
+    before, after : tuple of float, K
+        Error of the numbers of the file, and of the refitted ones: on fitted readings, and on held-out ones.
+    lacks : bool
+        Whether the refit allows for something that the model lacks. If not, held-out errors differ by chance.
+    """
+    places = ("", " where nothing was fitted")
+    worse = [
+        f"{other:.3g} K{where}, not {one:.3g} K"
+        for where, one, other in zip(places, before, after, strict=True)
+        if rises(one, other) and (lacks or not where)
+    ]
+    if not worse:
+        return ()
+    said = f"The refitted numbers follow the surfaces less closely than those of the file: {'; '.join(worse)}."
+    if lacks:
+        said += (
+            " The model lacks something, and the refit allows for that: its numbers are not those that come closest to "
+            "these surfaces."
+        )
+    return (said,)
 
 
 def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
@@ -118,14 +139,14 @@ def _told(group: Sequence[Sensor], cells: int) -> list[str]:
     who = "All cells" if len(group) == cells else f"{len(group)} cells ({runs(order)})"
     if found[0][1] is None or found[0][2] is None:
         most = span(abs(s.worst.error_K) for s in group)
-        return [f"{who} depart from the model by {most} K, and no single regime explains it."]
+        return [f"{who} are up to {most} K off over half a minute, and no single regime explains it."]
     strong = {s.cell: b for s, _, b in found if b is not None}
     size = {k: abs(b.mean_K) for k, b in strong.items()}
     amount = f"{span(size.values())} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
     labels = {b.label for b in strong.values()}
     regime = found[0][1]
     if regime.feature == "always":
-        where = "all along"
+        where = "on average"
     elif len(labels) == 1:
         where = next(iter(labels))
     else:
@@ -155,11 +176,11 @@ def _misfit(s: Sensor) -> str:
     regime, strong = _strongest(s)
     if regime is None or strong is None:
         return (
-            f"{who} departs from the model by {abs(s.worst.error_K):.2g} K (structured error {s.structured_K:.2g} K), "
-            "and no single regime explains it."
+            f"{who} is up to {abs(s.worst.error_K):.2g} K off over half a minute "
+            f"(structured error {s.structured_K:.2g} K rms), and no single regime explains it."
         )
     if regime.feature == "always":
-        return f"{who} reads {_amount(strong.mean_K)} than the model all along."
+        return f"{who} reads {_amount(strong.mean_K)} than the model on average."
     return f"{who} reads {_amount(strong.mean_K)} than the model {strong.label}{_contrast(regime.bins, strong)}"
 
 

@@ -1,7 +1,7 @@
 """Limits of a cell's format and mass on its numbers: a fit can ask for an R_c or a heat capacity that no such cell has.
 
-The format is a word of the model file (`[cell] format`), as `bms-gateway cells` takes it. It bounds R_c (the way across
-the layers) and C_c + C_s (the mass). R_e and R_u it does not bound: they depend on age and surroundings.
+The format is a word of the model file (`[cell] format`), as for `bms-gateway cells`. It limits R_c (the path across the
+layers) and C_c + C_s (the mass). It does not limit R_e and R_u, which depend on age and surroundings.
 """
 
 from collections.abc import Mapping
@@ -15,10 +15,11 @@ from bms_gateway.thermal import KINDS, Floats, StringModel
 from bms_gateway.thermal.cells import CellFacts, Chemistry, cell_of, stated_parameters
 
 DOUBTED, EXCLUDED = 2.5, 4.0
-"""Distance from the format's value, in sd, above which a number is an alarm (one in eighty), and is excluded."""
+"""Distance from the format's value, in sd, above which a number is an alarm (one in eighty), and above which it is
+excluded."""
 TOTAL = "C_c + C_s"
 OF = {"R_c": ("R_c",), TOTAL: ("C_c", "C_s")}
-"""Quantities that a format limits, and the model's numbers of which each is the sum."""
+"""Quantities that a format limits, and the model's numbers whose sum each of them is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Odd:
     value, expected : float
         SI.
     off : float
-        Distance in sd, that of the number itself in it.
+        Distance in sd, including the sd of the number itself.
     says : str
         One sentence.
     """
@@ -50,12 +51,12 @@ class Odd:
 
 
 def facts_of(model: StringModel) -> CellFacts | None:
-    """Return the facts of the cell in the model file, None if it names no format."""
+    """Return the facts of the cell in the model file; None if it names no format."""
     return None if model.cell_format is None else cell_of(model.cell_format)
 
 
 def chemistry_of(model: StringModel) -> Chemistry | None:
-    """Return the cell's chemistry, None if the model file does not name it."""
+    """Return the cell's chemistry; None if the model file does not name it."""
     facts = facts_of(model)
     return None if facts is None else facts.chemistry
 
@@ -88,7 +89,7 @@ def _odd(model: StringModel, values: Mapping[str, float], names: tuple[str, ...]
     for name, parts in OF.items():
         value, expected = (sum(x[p] for p in parts) for x in (values, {k: s.value for k, s in stated.items()}))
         share = np.array([values[n] / value if n in parts else 0.0 for n in names])
-        # of the mass it is the core's part that is not known exactly: the casing's share is small
+        # only the core's part of the mass is uncertain: the casing's share is small
         off = abs(np.log(value / expected)) / np.sqrt(stated[parts[0]].rel_sd ** 2 + share @ C @ share)
         if off > DOUBTED:
             kind = KINDS[parts[0]]

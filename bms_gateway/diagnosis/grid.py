@@ -11,7 +11,7 @@ from bms_gateway.thermal import Floats
 FINEST_S = 1.0
 """Least length of an interval: a surface follows its core within seconds, and shorter intervals tell nothing more."""
 INTERVALS, INTERVALS_MANY_CELLS, MANY_CELLS = 7200, 3600, 6
-"""Most intervals: two hours at 1 Hz, one hour for long strings; a diagnosis then takes seconds."""
+"""Greatest number of intervals: two hours at 1 Hz, one hour for long strings; a diagnosis then takes seconds."""
 GAP_S, GAP_INTERVALS = 120.0, 20.0
 """Where the current is unknown for longer, the heat is unknown: the record is divided there."""
 BRIDGE_S, BRIDGE_INTERVALS = 5.0, 5.0
@@ -31,7 +31,7 @@ class Grid:
     dt : float
         s.
     instants : ndarray (N + 1,)
-        s; `dt` apart, but across gaps.
+        s; `dt` apart, except across gaps.
     segments : tuple of int
         Instant at which each part begins.
     """
@@ -42,12 +42,12 @@ class Grid:
 
     @property
     def gaps(self) -> list[int]:
-        """Intervals that stand for gaps."""
+        """Intervals that represent gaps."""
         return [start - 1 for start in self.segments[1:]]
 
 
 def usual_interval(t: Floats) -> float:
-    """Time from row to row, s, whatever gaps and bursts there are.
+    """Time from row to row, s, for any gaps and bursts.
 
     Examples
     --------
@@ -60,24 +60,24 @@ def usual_interval(t: Floats) -> float:
 
 
 def bridged(t: Floats) -> tuple[float, float]:
-    """Spacing of rows from which a gap is bridged, and from which it parts the record, s."""
+    """Spacing of rows above which a gap is bridged, and above which it divides the record, s."""
     usual = usual_interval(t)
     return max(BRIDGE_S, BRIDGE_INTERVALS * usual), max(GAP_S, GAP_INTERVALS * usual)
 
 
 def lay_grid(source: str, t: Floats, cells: int, notes: list[str]) -> Grid:
-    """Lay intervals over the time in which the current is known.
+    """Divide the time with a known current into intervals.
 
     Parameters
     ----------
     source : str
-        What error lines call the record.
+        Name of the record in error messages.
     t : ndarray (K,)
         Stamps of the current, s.
     cells : int
         Of the string; long strings get fewer intervals.
     notes : list of str
-        Taken further.
+        Notes are appended.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def lay_grid(source: str, t: Floats, cells: int, notes: list[str]) -> Grid:
 
 
 def _interval(usual: float, covered: float, most: int) -> float:
-    """Interval that is a round number where the stamps are nearly so, and long enough that not too many are needed."""
+    """Interval with a round length if the stamps nearly have one, and long enough to limit their number."""
     base = max(usual, FINEST_S)
     near = float(np.round(base * 20.0) / 20.0)
     base = near if abs(near - base) <= 0.02 * base else base

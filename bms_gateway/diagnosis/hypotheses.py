@@ -1,4 +1,4 @@
-"""Hypotheses on what a model lacks, one to three effects each: scored, fitted, judged in the regime of model error."""
+"""Hypotheses on missing effects, one to three effects each: scored, fitted, judged with a model error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +52,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Effects in sorted order, because the order of adding does not matter."""
+        """Keys of the effects in sorted order, because the order of adding does not matter."""
         return tuple(sorted(variant(c) for c in self.effects))
 
     @property
@@ -83,7 +83,7 @@ class Hypothesis:
 
 
 def variant(c: Candidate) -> str:
-    """Key of an effect, and how many of its numbers are free: one number or a curve are different hypotheses."""
+    """Key of an effect, and its number of free parameters: one number or a curve are different hypotheses."""
     return c.key if c.free is None else f"{c.key}/{len(c.free)}"
 
 
@@ -99,7 +99,7 @@ def offered_by(model: StringModel, bench: Bench) -> tuple[Candidate, ...]:
         c = freed(c, bench.records)
         found.append(c)
         if c.name == "entropic_heat" and len(c.free or ()) > 1:
-            found.append(replace(c, free=("dUdT",)))  # a level may explain the same as a curve, which costs more
+            found.append(replace(c, free=("dUdT",)))  # a level may explain as much as a curve, which costs more
     return tuple(found)
 
 
@@ -118,7 +118,7 @@ def log_prior(c: Candidate, offered: Sequence[Candidate]) -> float:
 def judged(
     effects: tuple[Candidate, ...], found: Fit, offered: Sequence[Candidate], base: Hypothesis | None
 ) -> Hypothesis:
-    """Score a fit and say whether it is to be refused."""
+    """Score a fit and decide whether it is refused."""
     score = found.log_evidence + sum(log_prior(c, offered) for c in effects)
     h = Hypothesis(effects, found, score)
     return h if base is None else replace(h, refused=_absurd(h, base))
@@ -134,7 +134,7 @@ def _absurd(h: Hypothesis, base: Hypothesis) -> str:
         if p.neutral is not None and _at_bound(c, float(z), p.lower == p.neutral or p.upper == p.neutral):
             return f"{c.name} ends at its bound"
         if name == "current_offset" and abs(z) > FAR * c.sd:
-            return f"a current offset of {z:.2g} A is none that a sensor has"
+            return f"a current offset of {z:.2g} A is more than any sensor has"
         if name == "current_offset":
             for m in problem.records:
                 if said := charge_too_much(m.drive, float(z), problem.model.capacity_Ah):
@@ -166,7 +166,7 @@ class Board:
         self.found: dict[tuple[str, ...], Hypothesis] = {(): self.base}
 
     def of(self, effects: int) -> list[Hypothesis]:
-        """Hypotheses of so many effects, best first."""
+        """Hypotheses with this number of effects, best first."""
         return sorted((h for h in self.found.values() if len(h.effects) == effects), key=lambda h: (-h.score, h.key))
 
     def accepted(self) -> list[Hypothesis]:
@@ -174,7 +174,7 @@ class Board:
         return sorted((h for h in self.found.values() if not h.refused), key=lambda h: (-h.score, h.key))
 
     def prospects(self, parents: Sequence[Hypothesis], most: int) -> list[tuple[Hypothesis, Gain]]:
-        """Choose which effects to add to which hypotheses, by the score that a linear step promises."""
+        """Choose which effects to add to which hypotheses, by the promised score of a linear step."""
         best: dict[tuple[str, ...], tuple[float, Hypothesis, Gain]] = {}
         for h in parents:
             there = {c.key for c in h.effects} | {c.name for c in h.effects if c.effect.place == "string"}
@@ -205,7 +205,7 @@ class Board:
     def finish(self, h: Hypothesis, digits: float) -> None:
         """Fit a hypothesis to the end, and once more from the priors' medians.
 
-        A strong effect biases the optimum that it started from, and along a flat valley the last digits of the cost
+        A strong effect biases the optimum from which it started, and along a flat valley the last digits of the cost
         are still kelvins of the core.
         """
         problem = h.fit.map.problem
@@ -220,7 +220,7 @@ class Board:
             self.base = self.found[()]
 
     def without(self, h: Hypothesis, c: Candidate) -> Hypothesis:
-        """Best hypothesis made of some of the other effects alone."""
+        """Best hypothesis with some of the other effects alone."""
         rest = set(h.names) - {c.name}
         return max((x for x in self.accepted() if set(x.names) <= rest), key=lambda x: x.score)
 

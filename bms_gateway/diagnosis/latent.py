@@ -1,14 +1,14 @@
 r"""The heat that a fitted model misses, over time, and the feature that this heat follows.
 
-The residual u is taken for the response of the fitted string, linear about its mean, to a heat q(t) in the core or at
-the surface of each cell with a sensor: straight between knots, a random walk from knot to knot,
+The residual u is modelled as the response of the fitted string, linear about its mean, to a heat q(t) in the core or at
+the surface of each sensed cell. The heat is linear between knots and a random walk from knot to knot,
 
 .. math::
     u = \sum_j h_j q_j + J \delta + e, \qquad q_{j+1} - q_j \sim N(0, s^2), \qquad e \sim N(0, \sigma^2),
 
-solved at once as a Gaussian regression, s by its marginal likelihood. That is what a Kalman smoother with the same
-walk gives, without its loop over the readings, with gaps and stamps between the instants for nothing, and with the
-evidence for core against surface beside it. The numbers of the fit may move too (δ, with their priors), because
+solved at once as a Gaussian regression, with s by its marginal likelihood. The result is that of a Kalman smoother with
+the same walk, without its loop over the readings; gaps and stamps between the instants need no special care, and the
+evidence for core against surface is a by-product. The numbers of the fit may move too (δ, with their priors), because
 they have absorbed a part of the missing heat.
 
 The feature that the heat follows is not taken from this curve, which is smooth and depends on the priors. It is found
@@ -33,7 +33,7 @@ from bms_gateway.thermal.trajectory import reference
 
 Node = Literal["core", "surface"]
 KNOTS, LEAST_S = 60, 30.0
-"""Knots per record, and the least time between two: the surface shows no faster change of the core's heat."""
+"""Knots per record, and least time between two: the surface shows no faster change of the core's heat."""
 MOST_KNOTS = 1_200
 """Knots of all thermocouples of a record together: the regression costs their third power."""
 WALKS_W = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -110,7 +110,7 @@ class Latent:
     node : {"core", "surface"}
         Node of the heat that follows the best feature; without such a feature, the node that `odds` favour.
     odds : float
-        Tempered log-odds of the core against the surface for a heat of any course.
+        Tempered log-odds of the core against the surface for a heat with any course.
     follows : tuple of Follow
         Features at both nodes, the one that explains most first.
     sentence : str
@@ -124,7 +124,7 @@ class Latent:
 
 
 def latent(fit: MapFit) -> Latent:
-    """Find the heat that a fit misses."""
+    """Find the missing heat of a fit."""
     s = structure(fit)
     nodes: tuple[Node, Node] = ("core", "surface")
     solved = {node: _deconvolved(fit, node) for node in nodes}
@@ -139,7 +139,7 @@ def latent(fit: MapFit) -> Latent:
 
 
 def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
-    """Heat at each sensed cell of each record, and the log evidence of its explaining the readings."""
+    """Heat at each sensed cell of each record, and the log evidence for this explanation of the readings."""
     problem = fit.problem
     y, sigma, _, _, _ = stacked(problem)
     weight = np.concatenate([np.sqrt(p.count) / p.at.sigma for p in problem.places])  # of means at the fit's places
@@ -201,7 +201,7 @@ def _knots(m: Measured) -> Floats:
 
 
 def _hats(t: Floats, knots: Floats) -> Floats:
-    """Straight lines between knots (N, K)."""
+    """Linear interpolation between knots (N, K)."""
     at = np.clip((t - knots[0]) / (knots[1] - knots[0]), 0.0, len(knots) - 1.0)
     return np.asarray(np.maximum(1.0 - np.abs(at[:, None] - np.arange(len(knots))), 0.0))
 
@@ -209,7 +209,7 @@ def _hats(t: Floats, knots: Floats) -> Floats:
 def _response(fit: MapFit, r: int, m: Measured, node: Node, heat: Floats) -> Floats:
     """Simulate surface sensors (M, K), K, under heats (N, n, K), W, at one node of record `r`.
 
-    `m` is this record or, in longer intervals, the places where its columns are taken.
+    `m` is this record or, in longer intervals, the places of its columns.
     """
     problem = fit.problem
     system, _ = problem.system(r, fit.theta, fit.nu, m)

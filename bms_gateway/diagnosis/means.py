@@ -14,7 +14,7 @@ from bms_gateway.thermal import Floats
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """P straight pieces in a row, with possible steps between them; beyond the ends the end values continue.
+    """A sequence of P straight pieces, with possible steps between them; beyond the ends the end values continue.
 
     Attributes
     ----------
@@ -50,16 +50,16 @@ def path(t: Floats, x: Floats, straight: NDArray[np.bool_] | bool, *, half_way: 
     t, x : ndarray (K,)
         Stamps, s, increasing, and values; no NaN.
     straight : ndarray of bool (K − 1,), or bool
-        Between which rows the value goes in a straight line; between the others it steps.
+        Pairs of rows between which the value is linear; between the others it steps.
     half_way : bool
-        Steps lie half-way between their rows; else at the later row, up to which the earlier one is held.
+        Whether steps are half-way between their rows; otherwise they are at the later row.
     """
     line = np.broadcast_to(np.asarray(straight, np.bool_), (len(t) - 1,))
     centre = 0.5 * (t[1:] + t[:-1])
     a, b = x[:-1], x[1:]
     middle = 0.5 * (a + b)
     after = b if half_way else a
-    # two pieces for each pair of rows, and one that carries the last value on
+    # two pieces for each pair of rows, and one that continues the last value
     breaks = np.empty(2 * len(t))
     breaks[0:-1:2], breaks[1:-2:2], breaks[-1] = t, centre, t[-1] + 1.0
     first, last = np.empty(2 * len(t) - 1), np.empty(2 * len(t) - 1)

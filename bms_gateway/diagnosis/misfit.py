@@ -34,7 +34,7 @@ BLOCKS = 24
 MOST_EXCESS = 0.5
 """Least share of the excess in the blocks that are reported."""
 APART_S = 1e4
-"""Time between records, so that no stretch of time spans two of them."""
+"""Time between records, so that no time stretch contains two of them."""
 CHANCE_Z = 3.0
 
 
@@ -101,7 +101,7 @@ class Series:
     time_s : ndarray (K,), s since the record began
     measured, model : ndarray (K,), °C
     held : ndarray of bool (K,)
-        Never fitted to.
+        Readings that were never fitted.
     """
 
     record: int
@@ -133,7 +133,7 @@ class Sensor:
     regimes : tuple of Regime
         `always` first, then the one that explains most.
     least_structure : float
-        Structured error, in units of the noise, from which on the model fails here.
+        Structured error, in units of the noise, above which the model fails here.
     """
 
     cell: int
@@ -175,7 +175,7 @@ def series(fit: MapFit) -> tuple[Series, ...]:
 
 
 def sensors(fit: MapFit) -> tuple[Sensor, ...]:
-    """One row per cell with a sensor; the readings of all records together."""
+    """List one sensor per sensed cell, with the readings of all records together."""
     problem = fit.problem
     _, sigma, _, _, used = stacked(problem)
     sizes = [len(m.y) for m in problem.records]
@@ -223,7 +223,7 @@ def _excess(error: Floats, sigma: Floats) -> float:
 
 
 def _features(fit: MapFit) -> dict[str, Floats]:
-    """Features (M,) at the readings of all records; those that every record has."""
+    """Features (M,) at the readings of all records: those that every record has."""
     parts: list[dict[str, Floats]] = []
     first = 0
     for r, m in enumerate(fit.problem.records):
@@ -266,7 +266,7 @@ def blocks(fit: MapFit) -> tuple[Block, ...]:
         at = np.clip(np.searchsorted(edges, t, "right") - 1, 0, BLOCKS - 1)
         n = np.maximum(np.bincount(at, minlength=BLOCKS), 1)
         total, floor = np.bincount(at, square[part], BLOCKS), np.bincount(at, white[part], BLOCKS)
-        # a mean square of n white readings scatters by √(2/n): less than three times that is noise
+        # the mean square of n white readings scatters by √(2/n): less than three times this is noise
         above = np.where(total - floor > 3.0 * np.sqrt(2.0 / n) * floor, total - floor, 0.0)
         found += [
             Block(r, float(edges[b]), float(edges[b + 1]), float(above[b]), float(np.sqrt(total[b] / n[b])))

@@ -1,8 +1,8 @@
 """Fits with a model error: averaged readings, plausible priors, and a slow discrepancy.
 
-The first search trusts a thermocouple to within its noise. That is right for a pack which two nodes fit to the noise,
-and wrong for a real cell with a good thermocouple. There the error of two nodes exceeds the noise, and every effect
-that can absorb a little of this error would seem to be found.
+The first search assumes that a model can follow a thermocouple to within its noise. This is right for a pack that two
+nodes fit to the noise, and wrong for a real cell with a good thermocouple. There the error of two nodes exceeds the
+noise, and every effect that can absorb a little of this error would seem to be found.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,8 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive, Span
 
 REFINEMENTS = 3
-"""Updates of the sensitivities for the last digits: if heat follows the core, one is not enough in a flat valley."""
+"""Number of updates of the sensitivities for the last digits: if heat follows the core, one is too few in a flat
+valley."""
 _MEANS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
@@ -33,27 +34,27 @@ class ModelError:
         absorb the model error; with three times it, the right effects are lost; in between the named effects are the
         same.
     share : float
-        Least size of the slow discrepancy as a share of the surface's range: two nodes are not exact to half a per
-        cent.
+        Least size of the slow discrepancy as a share of the surface's range: two nodes are not more exact than half a
+        per cent.
     blocks : int
-        Means into which a record is cut, about: enough for time constants of ten seconds in an hour …
+        Approximate number of means in a record: enough for time constants of ten seconds in an hour …
     shortest, longest : float, s
-        … and their limits. Shorter than a surface's time constant, for what is faster than a mean is lost.
+        … and their limits. They are shorter than a surface's time constant, because faster changes are lost in a mean.
     start_core, start_surface : float, K
         sd of core and surface at the start of a record, about the first readings: a cell on a bench has rested.
     contact : float
-        sd of thermocouple_contact: a glued bead loses a few per cent, more is a bad mounting.
+        sd of thermocouple_contact: a glued bead has a few per cent; more is a bad mounting.
     lag : float, s
-        sd of thermocouple_lag, for a bead and not a sleeve.
+        sd of thermocouple_lag, for a bead without a sleeve.
     offset : float, K
         sd of thermocouple_offset after a soak.
     current_offset, current_share : float
-        sd of current_offset: A, or this share of the peak, whichever is more. Shunts and Hall sensors stay within.
+        sd of current_offset: A, or this share of the peak, whichever is greater; shunts and Hall sensors are within.
     rounds : int
         Number of rounds in which fit and discrepancy are adapted to each other.
     numbers : float
-        Share of the floor with which the numbers of a model with effects are fitted. The floor guards the choice of
-        effects; once that is made, what the readings know of the numbers need not be thrown away with it.
+        Share of the floor for fits of the numbers of a model with effects. The floor protects the choice of effects;
+        after this choice, the readings' information on the numbers need not be reduced.
     """
 
     floor: float = 0.4
@@ -77,7 +78,7 @@ class ModelError:
         return replace(self, floor=self.numbers * self.floor)
 
     def beliefs(self, records: Sequence[Measured]) -> dict[str, Belief]:
-        """Priors in place of the catalogue's."""
+        """Priors that replace those of the catalogue."""
         peak = max(float(np.sqrt(m.drive.I2.max())) for m in records)
         return {
             "T_c0": Belief(0.0, self.start_core),
@@ -85,7 +86,7 @@ class ModelError:
             "thermocouple_contact.g": Belief(0.0, self.contact),
             "thermocouple_lag.tau": Belief(0.0, self.lag),
             "thermocouple_offset.b": Belief(0.0, self.offset),
-            "T_in_late": Belief(0.0, 0.0),  # half a second is nothing beside means over five
+            "T_in_late": Belief(0.0, 0.0),  # half a second is negligible for means over five
             "flow_late": Belief(0.0, 0.0),
             "current_offset.b": Belief(0.0, max(self.current_offset, self.current_share * peak)),
         }
@@ -98,7 +99,7 @@ class Bench:
     Parameters
     ----------
     records : sequence of Measured
-        As `averaged` gives them.
+        As from `averaged`.
     settings : ModelError
 
     Attributes
@@ -131,7 +132,7 @@ class Fit:
     map : MapFit
     discrepancy : Discrepancy
     log_evidence : float
-        With the prior of the discrepancy.
+        Including the prior of the discrepancy.
     """
 
     map: MapFit
@@ -158,20 +159,20 @@ def fit(
     ----------
     bench : Bench
     problem : Problem
-        Of the bench's records and beliefs.
+        With the bench's records and beliefs.
     theta : ndarray (P,)
-        Where to start.
+        Start.
     effort : FitEffort
         Of each fit of the numbers.
     parent : Fit, optional
         Fit of the same problem with fewer coordinates at the end; its discrepancy, nuisances and columns are the start.
     guess : sequence of ndarray, optional
-        Trajectories near the start's.
+        Trajectories near that of the start.
     """
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
         d = replace(d, size=bench.least)
-    # a trial that diverges has a cost that is not finite, by which it is refused
+    # the cost of a trial that diverges is not finite; it is therefore refused
     with np.errstate(over="ignore", invalid="ignore"):
         sd = np.array([c.sd for c in problem.nuisances])
         if parent is None:

@@ -13,7 +13,7 @@ from bms_gateway.thermal.drive import Drive, Span
 START_S = 45.0
 """Time at the start of a span whose readings give its surfaces: cells hardly warm in it, and noise averages out."""
 UNSEEN_SD = 0.2
-"""K: how far the surface of a cell without a sensor may start from the line between its neighbours with one."""
+"""K: sd of the start of a surface without a sensor about the line between its sensed neighbours."""
 LEAST_START_SD = 0.02
 WORK = 12_000
 """Most cells times intervals of a ranking; beyond it, intervals are joined, and their means stay exact."""
@@ -30,9 +30,9 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
     record : Record
     model : StringModel
     join : int, optional
-        Intervals to join into one; chosen by the size of the work where left out.
+        Number of intervals joined into one; by default, chosen by the amount of work.
     core : bool
-        Use the thermocouples in the cores too (calibration), and nothing held out.
+        Whether to use the thermocouples in the cores too (calibration), with nothing held out.
     """
     join = join or joined(record, model)
     spans, drives, first_row = [], [], []
@@ -89,10 +89,10 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
 
 
 def joined(record: Record, model: StringModel) -> int:
-    """Choose how many intervals a ranking joins into one: as many as the size requires and the noise hides.
+    """Choose how many intervals a ranking joins: as many as the size requires and the noise hides.
 
-    Within an interval the heat counts as constant and readings lie on a straight line. A surface bends by at most
-    q / (C_c R_c C_s), so that this errs by an eighth of that times dt².
+    Within an interval the heat counts as constant and the temperature as linear. A surface's second derivative is at
+    most q / (C_c R_c C_s), so the error is an eighth of this times dt².
     """
     wanted = int(np.ceil(model.cells * record.drive.N / WORK))
     p = model.nominal
@@ -137,7 +137,7 @@ def _start(record: Record, span: Span, cells: int) -> tuple[Floats, Floats]:
         sigma = float(record.noise.total[j])
         if early.sum() >= 8:
             line, level = (float(np.polyfit(t[early], y[early], degree)[-1]) for degree in (1, 2))
-            # a surface follows its load within seconds: what a parabola sees of the bend tells how much is left of it
+            # a surface follows its load within seconds: the curvature of the parabola shows the remaining error
             error = float(np.hypot(3.0 * sigma / np.sqrt(early.sum()), level - line))
         else:
             level, error = float(np.median(y[early])), sigma / np.sqrt(early.sum())

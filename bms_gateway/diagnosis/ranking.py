@@ -1,7 +1,6 @@
-"""One ranking of all effects of a diagnosis: the named ones, further ones, and those that might be in their place.
+"""One ranking of all effects of a diagnosis: the named ones, further ones, and their alternatives.
 
-The worth of one of several effects is found by a refit without this effect: by the loss of evidence, and by the error
-that remains.
+The worth of one of several effects is found by a refit without it: by the loss of evidence and the remaining error.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,9 +12,9 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
 from bms_gateway.diagnosis.bounds import at_bound, believed_share
-from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.candidates import Candidate, candidates
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Number, Ranked, numbers
+from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.search import without
 from bms_gateway.diagnosis.second_search import SecondSearch
@@ -23,9 +22,9 @@ from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, prior_odds, wo
 from bms_gateway.identify.map_fit import MapFit, stacked
 
 Role = Literal["named", "tied", "next", "instead", ""]
-"""Part of the verdict; not distinguishable from a part of it; a further effect; one in its place; no verdict."""
+"""Part of the verdict; not distinguishable from a part; a further effect; an alternative to one; no verdict."""
 OTHERS = 8
-"""Number of hypotheses of the second search that are reported beside the chosen one."""
+"""Number of hypotheses of the second search that are reported besides the chosen one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,22 +37,22 @@ class Standing:
         Keys as in model files.
     role : Role
     evidence : float
-        Log-odds: of what is named against leaving it out, of the rest against the model with the effects `beside`.
+        Log-odds: for a named effect against leaving it out, for the rest against the model with the effects `beside`.
     share : float
-        Posterior probability; NaN where it was not weighed, or rests on a number at its bound.
+        Posterior probability; NaN if it was not computed, or if a number is at its bound.
     heldout_rmse_K : float
-        By the fits of the search, as all errors here: with it; of what is named, with all of it; NaN where nothing was
-        held out for it.
+        From the fits of the search, like all errors here: with the effect; for a named effect, with all named ones; NaN
+        if nothing was held out for it.
     error_K : float
-        With it, on held-out readings, or on all where the second search decided, which holds nothing out.
+        With the effect, on held-out readings; on all readings if the second search decided, which holds nothing out.
     without_K : float
-        The same with this one of what is named left out; NaN for the rest.
+        The same without this one of the named effects; NaN for the rest.
     parameters : mapping of str to Number
     tied_with : tuple of str
     refused : str
-        Why it was not let in, or why what is named is not proven; empty where nothing speaks against it.
+        Why it was refused, or why a named effect is not proven; empty if nothing contradicts it.
     beside : tuple of str
-        Keys of the effects in the model that the evidence is weighed against; of what is named, all others of it.
+        Keys of the other effects in the model of the comparison; for a named effect, all other named ones.
     """
 
     effects: tuple[str, ...]
@@ -70,7 +69,7 @@ class Standing:
 
     @property
     def name(self) -> str:
-        """As people read it."""
+        """Name for people."""
         return " + ".join(self.effects)
 
 
@@ -80,15 +79,15 @@ def ranking(d: Diagnosis) -> tuple[Standing, ...]:
     Returns
     -------
     tuple of Standing
-        What is named first, in the order in which it was found, then what is tied with it, what would come next, and
-        what might be in its place; each from the likeliest down.
+        The named effects in the order in which they were found, then those tied with them, further effects, and
+        alternatives; the last three by decreasing probability.
 
     Notes
     -----
-    Costs a refit for each effect where several are named.
+    It costs a refit for each effect if several are named.
     """
     if not d.selected:
-        # what the second search compares is weighed against leaving it out, what the first one does against nothing
+        # the second search compares with leaving an effect out, the first one with nothing
         keys = [_key(r) for r in d.ranking] if d.decided_by_second else []
         return tuple(_once(_alone(r, "", [k for k in keys if k != _key(r)]) for r in d.ranking))
     second = d.second if d.decided_by_second else None
@@ -133,7 +132,7 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
 
 
 def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
-    """Log-odds for an effect beside all the other named ones, tempered as in the search."""
+    """Log-odds for an effect in addition to all other named ones, tempered as in the search."""
     base, final = d.search.baseline.problem, d.search.final
     y = stacked(base)[0]
     offered = candidates(
@@ -144,14 +143,14 @@ def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
 
 
 def _next(d: Diagnosis) -> Iterator[Standing]:
-    """List the effects that the last round compared and refused, beside all named ones."""
+    """List the effects that the last round compared and refused, in addition to all named ones."""
     rounds = d.search.rounds
     if len(rounds) > 1 and not any(t.passed for t in rounds[-1]):
         yield from (_weighed(d, t, "next") for t in rounds[-1])
 
 
 def _tied(d: Diagnosis) -> Iterator[Standing]:
-    """List the effects that these records cannot tell from a named one, with their evidence in its place."""
+    """List the effects that these records cannot tell from a named one, with their evidence as a replacement."""
     for s in d.selected:
         trials = next(
             (r for r in d.search.rounds if any(t.candidate.key == s.candidate.key and t.passed for t in r)), []
@@ -160,7 +159,7 @@ def _tied(d: Diagnosis) -> Iterator[Standing]:
 
 
 def _weighed(d: Diagnosis, t: Trial, role: Role) -> Standing:
-    """Give the place of an effect that a round of the search has weighed against the model of that round."""
+    """Return the place of an effect that a round of the search has compared with the model of that round."""
     there = {e.key for e in d.search.baseline.problem.model.effects} | {t.candidate.key}
     beside = tuple(e.key for e in t.fit.problem.model.effects if e.key not in there)
     held, found = _held(t.fit), numbers(t.fit, t.candidate)

@@ -1,16 +1,19 @@
 """One record of measurements for comparison and diagnosis: inputs on one grid, readings at their own time stamps.
 
-How rows become a signal, decided here once:
+Conversion of rows to a signal, decided only here:
 
-* A current holds from its row to the next, as tables of tests and simulations mean it and as `encode` sends it. Where
-  rows come in bursts (a tester that logs around each set point) or from a bus, whose frames know nothing of the steps,
-  a step is put half-way between its two rows.
-* A voltage steps where its current does and goes straight elsewhere; temperatures, flow and charge always go straight.
-* Gaps are bridged by straight lines and told. A gap of the current that is too long for that splits the record: both
-  parts lie in one row of intervals, parted by one that stands for the gap, and each starts anew.
+* A current holds from its row to the next, as in tables of tests and simulations and in `encode`. If rows come in
+bursts
+  (a tester that logs around each set point) or from a bus, whose frames do not know the steps, a step is put half-way
+  between its two rows.
+* A voltage steps where its current does and is linear elsewhere; temperatures, flow and charge are always linear.
+* Gaps are interpolated and reported. A gap of the current that is too long for this divides the record: both parts are
+in
+  one row of intervals, separated by one interval for the gap, and each has its own start.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +21,15 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.cell_rows import CellRows
 from bms_gateway.diagnosis.grid import Grid, lay_grid
 from bms_gateway.diagnosis.record_inputs import Columns, Sampling, Signals, draw_inputs
-from bms_gateway.diagnosis.surface_readings import Readings, gather_readings
+from bms_gateway.diagnosis.surface_readings import FEWEST, Readings, gather_readings
 from bms_gateway.errors import DataError, counted
 from bms_gateway.identify.sensor_noise import Noise, estimate_noise
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 
 HELD_OUT = ((0.22, 0.32), (0.55, 0.65), (0.88, 1.0))
-"""Parts of a record, in shares of its length, that are never fitted to. The last tells what lies beyond the training,
-the inner ones what lies within; all three together are a third of a record, which leaves enough to learn from."""
+"""Parts of a record, in shares of its length, that are never fitted. The last part tests extrapolation, the inner ones
+test interpolation; together they are a third of a record, which leaves enough for the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class Record:
     instants : ndarray (N + 1,)
         s, on the clock of the source; `drive.dt` apart except across a gap between segments.
     surface : Readings
-        Of the m sensors that the model has and the source has data of.
+        Of the m sensors of the model for which the source has data.
     grid : ndarray (N + 1, m)
         The surfaces at the instants, from the readings on both sides; NaN if no reading is near.
     held : ndarray of bool (M,)
@@ -52,16 +55,21 @@ class Record:
     core : Readings
         Readings of thermocouples in cores, which no choice of effects may use; empty in most records.
     segments : tuple of int
-        Instants, the first being 0, at which the state is unknown. The interval before any but the first stands for a
-        gap and says nothing.
+        Instants, the first being 0, at which the state is unknown. The interval before each, except the first,
+        represents a gap and has no information.
     notes : tuple of str
-        Sentences on what was found, bridged, left out or assumed.
+        Sentences on values that were found, interpolated, left out or assumed.
     sampling : Sampling
         Of the current.
     voltages : CellRows or None
-        Voltages of single cells, where there were any.
+        Voltages of single cells, if there were any.
     charge_sd : float
         sd of the level of the state of charge, 0…1; 0 if the charge was recorded.
+    unused : tuple of int
+        Cells whose surface is in the source, but without a sensor in the model.
+    unread : mapping of str to tuple of int
+        Cells without usable readings of `surface` (although the model has a sensor) or of `core` (although the source
+        has a column); quantities that are read on all cells are left out.
     """
 
     source: str
@@ -77,6 +85,8 @@ class Record:
     sampling: Sampling
     voltages: CellRows | None = None
     charge_sd: float = 0.0
+    unused: tuple[int, ...] = ()
+    unread: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @staticmethod
     def of(rows: Columns, model: StringModel, half_way: bool | None = None) -> "Record":
@@ -114,7 +124,7 @@ class Record:
 
     @property
     def share(self) -> Floats:
-        """How far each reading lies on the way to the next instant, 0…1 (M,)."""
+        """Position of each reading between its two instants, 0…1 (M,)."""
         return self.surface.share
 
     @property
@@ -140,12 +150,12 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
     model : StringModel
         Its sensors, nominal flow and capacity.
     half_way : bool, optional
-        Whether a step lies half-way between its rows, or at the later one. Default: by the pattern of the stamps.
+        Whether a step is half-way between its rows, or at the later one. Default: by the pattern of the stamps.
 
     Raises
     ------
     DataError
-        Time does not increase, or there is no current, inlet or surface to work with.
+        Time does not increase, or the current, inlet or surface is missing.
     """
     notes: list[str] = []
     source, time_s = rows.source, rows.time_s
@@ -156,7 +166,7 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
     surface = gather_readings(time_s, rows.surface_C, model.sensors, grid, notes)
     if not len(surface.y):
         wanted = ", ".join(f"surface_{k}_C" for k in model.sensors)
-        raise DataError(f"{source}: no readings of a sensor of the model ({wanted}) while the current is known")
+        raise DataError(f"{source}: no sensor of the model ({wanted}) has {FEWEST} readings while the current is known")
     core = gather_readings(time_s, rows.core_C, tuple(range(1, model.cells + 1)), grid, [], what="core")
     noise = estimate_noise(surface.at(grid.instants), surface.y, surface.sensor, len(surface.cells))
     held = in_held_out((surface.left + surface.share) / drive.N)
@@ -174,7 +184,13 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
         signals.sampling,
         CellRows(time_s, rows.current_A, rows.cell_voltage_V) if rows.cell_voltage_V else None,
         charge_sd,
+        tuple(sorted(set(rows.surface_C) - set(model.sensors))),
+        _unread(surface=set(model.sensors) - set(surface.cells), core=set(rows.core_C) - set(core.cells)),
     )
+
+
+def _unread(**cells: set[int]) -> dict[str, tuple[int, ...]]:
+    return {what: tuple(sorted(some)) for what, some in cells.items() if some}
 
 
 def _check_time(source: str, time_s: Floats) -> None:

@@ -23,15 +23,15 @@ SAME_CURRENT = 0.01
 BURSTS = 0.05
 """Least share of rows right after other rows at which the rows count as bursts around set points."""
 BURST_S = 0.1
-"""Of the usual interval."""
+"""As a share of the usual interval."""
 CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
-"""Any chemistry, and lithium-ion, empty to full."""
+"""Limits for any chemistry, and for lithium-ion, empty to full."""
 MINUTE_S = 60.0
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is accepted; a wrong unit gives a greater factor."""
 MOVES = 0.8
-"""Least share of the readings of an inlet that differ from the one before, where it is no coarse one."""
+"""Least share of the readings of an inlet that differ from the previous one, unless it is coarse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Sampling:
         Relative standard deviation of a minute's mean square current, because the current between rows is unknown; 0 if
         the source states mean squares.
     missing_s : float
-        Total time for which the current is missing and taken as a straight line.
+        Total time for which the current is missing and interpolated.
     longest_s : float
         The longest such gap.
     inlet_missing_s : float
@@ -66,7 +66,7 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Measurements of one string, K rows: columns of a table, samples of a log, or arrays that a person has.
+    """Measurements of one string, K rows: columns of a table, samples of a log, or arrays.
 
     NaN is a missing value, so each quantity may have its own time stamps. Lists are accepted too.
 
@@ -81,19 +81,19 @@ class Columns:
     surface_C : mapping of cell (from 1) to ndarray (K,)
         Thermocouples on the cells, °C.
     voltage_V : ndarray (K,), optional
-        Of the whole string, its cells in series, as the gateway takes it; the mean of its cells where a share of it
-        would be too low for lithium-ion and it itself is not.
+        Of the whole string with its cells in series, as in the gateway; it counts as the mean of the cells if its share
+        per cell would be too low for lithium-ion but the value itself is not.
     soc : ndarray (K,), optional
         State of charge, 0…1.
     coolant_flow_m3_s : ndarray (K,), optional
     core_C : mapping of cell (from 1) to ndarray (K,)
         Thermocouples in the cores, °C; no choice of effects uses them.
     cell_voltage_V : mapping of cell (from 1) to ndarray (K,)
-        Used only to tell the cells apart.
+        Used only to identify single cells.
     mean_square_current : ndarray (K,), optional
-        A², of the time that a row stands for; the square of the rows otherwise.
+        A², for the time of each row; otherwise the square of the rows.
     source : str
-        What reports and errors call the measurements.
+        Name of the measurements in reports and errors.
 
     Raises
     ------
@@ -137,13 +137,13 @@ class Columns:
             object.__setattr__(self, name, columns)
 
     def of(self, quantity: Quantity, cell: int | None = None) -> Floats | None:
-        """Give the row of an input, of a cell where each cell has its own; None where there is none."""
+        """Return the row of an input, of a cell if each cell has its own; None if there is none."""
         given: Any = getattr(self, INPUTS[quantity].field)
         found: Floats | None = given.get(cell) if INPUTS[quantity].of_cells else given
         return found
 
     def given(self) -> Iterator[tuple[Quantity, int | None, Floats]]:
-        """List the inputs that there are: quantity, cell where each cell has its own, row."""
+        """List the given inputs: quantity, cell if each cell has its own, row."""
         for quantity in WHOLE:
             if (row := self.of(quantity)) is not None:
                 yield quantity, None, row
@@ -155,7 +155,7 @@ class Columns:
         if np.iscomplexobj(given):
             raise DataError(f"{self.source}: {name}: complex numbers, expected real ones")
         try:
-            x = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)  # what is masked is missing
+            x = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)  # masked values are missing
         except (TypeError, ValueError):
             raise DataError(f"{self.source}: {name}: not a row of numbers") from None
         if x.ndim != 1:
@@ -169,7 +169,7 @@ NEEDED = tuple(INPUTS[q].field for q in WHOLE if INPUTS[q].needed)
 ROWS = (*(INPUTS[q].field for q in WHOLE), "mean_square_current")
 """Columns of the whole string."""
 ROWS_OF_CELLS = {column.replace("_{}", ""): column for column in CELL_COLUMNS.values()}
-"""Columns of single cells, and what a table calls each."""
+"""Columns of single cells, and their names in a table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class Signals:
         Stamps at which the current is known.
     current, inlet : Path
     mean_square : Path or None
-        A², where the source states it.
+        A², if the source states it.
     voltage : Path or None
         Of one cell.
     flow : Path or None
@@ -211,7 +211,7 @@ class Signals:
         current = mean(x, self.current)
         square = mean_product(x, self.current, self.current)
         if self.mean_square is not None:
-            # never below the square of the mean, which rounding in the source could make it
+            # never below the square of the mean, to which rounding in the source could lead
             square = np.maximum(mean(x, self.mean_square), current**2)
         none = np.full(n, np.nan)
         known = {name for name, p in (("flow", self.flow), ("voltage", self.voltage)) if p is not None}
@@ -236,7 +236,7 @@ class Signals:
 
 
 def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:
-    """Make the path of every input through its plausible rows.
+    """Make the path of every input from its plausible rows.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
     half_way : bool or None
         As in `make_record`.
     notes : list of str
-        Taken further.
+        Notes are appended.
 
     Raises
     ------
@@ -339,7 +339,7 @@ def _doubt(t: Floats, amps: Floats, bridge: float) -> float:
 
 
 def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> tuple[float, float]:
-    """Note where the current is missing and bridged; gives the time in all and that of the longest gap, s."""
+    """Report missing stretches of the current that are interpolated; return their total and greatest length, s."""
     d = np.diff(t)
     d = d[(d > bridge) & (d <= part)]
     if len(d):
@@ -351,7 +351,7 @@ def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> tuple
 
 
 def _still(t: Floats, x: Floats) -> tuple[float, float]:
-    """Give the longest time in which readings that otherwise move are one number; (0, 0) where they seldom move."""
+    """Return the longest time in which otherwise moving readings are constant; (0, 0) if they seldom move."""
     moves = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan) != 0.0)
     held = np.diff(moves)
     k = int(np.argmax(held))
@@ -362,7 +362,7 @@ def _still(t: Floats, x: Floats) -> tuple[float, float]:
 
 
 def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> float:
-    """Note where an input is unknown while the current is known; gives the longest time that was noted, s."""
+    """Report where an input is unknown while the current is known; return the longest reported time, s."""
     missing = max(own[0] - t[0], 0.0), max(t[-1] - own[-1], 0.0)
     limit = max(60.0, bridged(own)[0] if len(own) > 2 else 0.0)
     found = 0.0
@@ -388,7 +388,7 @@ def _mean_square(rows: Columns, half_way: bool) -> Path | None:
 def _voltage(
     rows: Columns, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
 ) -> tuple[Path | None, Terminal | None]:
-    """Give the voltage of a cell: that of the string over its cells, unless it clearly is that of a cell."""
+    """Return the voltage of a cell: that of the string over its cells, unless it clearly is that of a cell."""
     if rows.voltage_V is None:
         return None, None
     known = np.isfinite(rows.voltage_V)
@@ -421,13 +421,13 @@ def _voltage(
 
 
 def _median(x: Floats) -> float:
-    """Give the median, infinite where values are too large for the mean of two of them."""
+    """Median; infinite if values are too large for the mean of two of them."""
     with np.errstate(over="ignore"):
         return float(np.median(x))
 
 
 def _flow(rows: Columns, model: StringModel, notes: list[str]) -> Path | None:
-    """Give the flow as a ratio to nominal; a unit other than m³/s is recognised by its factor."""
+    """Return the flow as a ratio to nominal; a unit other than m³/s is recognised by its factor."""
     if rows.coolant_flow_m3_s is None:
         return None
     known = np.isfinite(rows.coolant_flow_m3_s)

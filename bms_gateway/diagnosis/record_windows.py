@@ -1,9 +1,9 @@
-"""Numbers of a string by the windows of the live method, from whole records: service and `fit` learn in one way.
+"""Numbers of a string from whole records by the windows of the live method, so that service and `fit` learn alike.
 
-If a model does not follow the surfaces, a fit of the whole record makes up for the missing effect by wrong capacities
-and resistances. A window allows for the effects that every real cell may have (`identify.carried`), and increases its
-noise until no number is implausible (`identify.doubt`). So the numbers come from the windows. The fit of the whole
-record keeps them, and finds the rest: starts, offsets, cells.
+If a model does not follow the surfaces, a fit of the whole record compensates for the missing effect by wrong
+capacities and resistances. A window allows for the effects that every real cell may have (`identify.carried`), and
+increases its noise until no number is implausible (`identify.doubt`). So the numbers come from the windows. The fit of
+the whole record keeps these numbers and finds the rest: starts, offsets, cells.
 
 Beyond Lin et al., Eq 3-10.
 """
@@ -27,19 +27,19 @@ from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive, Span
 
 HELD = 0.03
-"""Share of a number's sd from the windows with which the fit of the rest keeps this number."""
+"""sd of a number in the fit of the rest, as a share of its sd from the windows: the fit keeps the number."""
 LEAST_SHARE = 0.5
-"""Of the sd by a fit of the whole record, below which windows do not know a number of a model with effects: the heat
-that they are given has the numbers of that fit in it."""
+"""Least sd of a number of a model with effects from windows, as a share of that from a fit of the whole record: the
+heat for the windows was computed with the numbers of this fit."""
 MOST_CELLS = 24
-"""Largest string that is learnt in this way: a window needs the response to each cell's departures, which takes ten
-seconds of CPU for 60 cells, four times as long as the rest."""
+"""Largest string for this method: a window needs the response to each cell's differences, which takes ten seconds of
+CPU for 60 cells, four times as long as the rest."""
 NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Numbers that several records have in common, found by windows.
+    """Numbers common to several records, found by windows.
 
     Attributes
     ----------
@@ -56,15 +56,15 @@ class Found:
 
 
 def learned(model: StringModel, records: Sequence[Measured], fit: MapFit | None = None) -> Posterior | None:
-    """Learn from records as the service does while the same records are on the bus.
+    """Learn from records as the service does if the same records are on the bus.
 
     Parameters
     ----------
     model : StringModel
     records : sequence of Measured
-        Held-out readings are not shown.
+        Held-out readings are not used.
     fit : MapFit, optional
-        Of a model with effects to these records: what its effects make of the current and of the inlet.
+        Fit of a model with effects to these records: gives the effects' influence on current and inlet.
 
     Returns
     -------
@@ -89,12 +89,12 @@ def learned(model: StringModel, records: Sequence[Measured], fit: MapFit | None 
 
 
 def untaught(model: StringModel) -> Posterior:
-    """Give the priors of the numbers in the form of `learned`."""
+    """Return the priors of the numbers in the form of `learned`."""
     return WindowIdentifier(model).posterior()
 
 
 def keeping(bench: Bench, fit: Fit, known: Posterior, whole_sd: Floats | None = None) -> Fit:
-    """Give a fit the numbers that windows have found, and fit what is left.
+    """Give a fit the numbers from windows, and fit the rest.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def keeping(bench: Bench, fit: Fit, known: Posterior, whole_sd: Floats | None = 
     fit : Fit
         Of the bench's records.
     known : Posterior
-        By `learned` of the same records. Each of several records keeps the cooling of its own.
+        From `learned` for the same records. Each of several records keeps its own cooling.
     whole_sd : ndarray (P,), optional
-        sd of the coordinates by the fit of the whole record, where the windows have used that fit.
+        sd of the coordinates from the fit of the whole record, if the windows have used that fit.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def keeping(bench: Bench, fit: Fit, known: Posterior, whole_sd: Floats | None = 
 
 
 def _in_coordinates(problem: Problem, known: Posterior) -> Found:
-    """Take from a posterior over logarithms the numbers that all records have in common."""
+    """Take the numbers that all records have in common from a posterior over logarithms."""
     names = [c.name for c in problem.coordinates]
     mine = [i for i, name in enumerate(known.names) if name in names]
     at = np.array([names.index(known.names[i]) for i in mine], np.intp)
@@ -144,13 +144,13 @@ def _in_coordinates(problem: Problem, known: Posterior) -> Found:
 
 
 def _no_narrower(found: Found, sd: Floats) -> Found:
-    """Widen numbers whose sd is below `LEAST_SHARE` of `sd` (k,); correlations stay."""
+    """Widen numbers whose sd is below `LEAST_SHARE` of `sd` (k,); correlations are kept."""
     wider = np.maximum(1.0, LEAST_SHARE * sd / np.sqrt(np.diag(found.covariance)))
     return replace(found, covariance=found.covariance * np.outer(wider, wider))
 
 
 def _as_plain(fit: MapFit, record: int, m: Measured) -> Drive:
-    """Drive with which a string without effects would have the heat and the inlet of a fit: see `window_effects`."""
+    """Drive with which a string without effects has the heat and the inlet of a fit: see `window_effects`."""
     (system, _), X = fit.problem.system(record, fit.theta, fit.nu), fit.prediction.X[record]
     I2, T_in = m.drive.I2.copy(), m.drive.T_in.copy()
     first = 0
@@ -164,7 +164,7 @@ def _as_plain(fit: MapFit, record: int, m: Measured) -> Drive:
 
 
 def _ticks(m: Measured, cells: int) -> Iterator[Tick]:
-    """Give a record as ticks, one at each instant of its grid; a gap stands before each span."""
+    """Yield a record as ticks, one at each instant of its grid, with a gap before each span."""
     u, dt = m.drive, m.drive.dt
     step_ns, time_ns, first_row = round(dt * NS), 0, 0
     for span in m.spans:

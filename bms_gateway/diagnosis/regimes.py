@@ -1,4 +1,4 @@
-"""The regimes in which a model fails: its error over bins of features of the drive, with right error bars.
+"""The regimes in which a model fails: its error over bins of features of the drive, with correct error bars.
 
 In a slow system, neighbouring errors are nearly equal. The sd of the mean over a bin therefore comes from the scatter
 of whole stretches of time, not of single readings (cluster-robust variance). A feature counts by what the means of its
@@ -19,14 +19,14 @@ from bms_gateway.thermal.drive import Drive
 REST = 0.03
 """Share of the greatest current below which a string rests."""
 SLOPE_S = 60.0
-"""Time over which the slope of the inlet is taken; over a shorter time it is noise of the sensor."""
+"""Time for the slope of the inlet; over a shorter time, the slope is noise of the sensor."""
 SHORTEST_S = 60.0
 """Least length of a stretch of time whose errors count as one: surfaces follow within it."""
 MOST_STRETCHES = 60
 FEW = 10
 """Least number of stretches for which the scatter of a bin is used alone."""
 SIGNIFICANT = 3.0
-"""sd."""
+"""Distance of a mean error from zero, in sd, above which it is significant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,7 @@ def string_features(u: Drive, tau: float) -> dict[str, Floats]:
 
 
 def stretches(t: Floats, inflation: float, dt: float) -> NDArray[np.intp]:
-    """Give each reading the number (M,) of its stretch of time, long enough for stretches to be independent."""
+    """Return the number (M,) of each reading's time stretch; stretches are long enough to be independent."""
     span = float(np.ptp(t)) + dt
     length = max(SHORTEST_S, 2.0 * inflation * dt, span / MOST_STRETCHES)
     length = min(length, span / 12.0)  # with fewer stretches the scatter is unknown
@@ -180,7 +180,7 @@ def stretches(t: Floats, inflation: float, dt: float) -> NDArray[np.intp]:
 def regimes(
     error: Floats, sigma: Floats, values: Mapping[str, Floats], stretch: NDArray[np.intp], peak: float
 ) -> tuple[Regime, ...]:
-    """Errors of one sensor over the bins of each feature, the one that explains most first; `always` leads.
+    """Errors of one sensor over the bins of each feature, the one that explains most first, after `always`.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def regimes(
         Greatest current.
     """
     excess = max(float(np.mean(error**2) - np.mean(sigma**2)), 1e-12)
-    whole = _binned(error, sigma, np.zeros(len(error), np.intp), stretch, ((0.0, 0.0),), ("all along",))
+    whole = _binned(error, sigma, np.zeros(len(error), np.intp), stretch, ((0.0, 0.0),), ("on average",))
     mean = whole[0].mean_K
     constant = max(mean**2 - whole[0].sd_K ** 2, 0.0)
     found = []
@@ -212,11 +212,11 @@ def regimes(
         kind = FEATURES[name]
         found.append(Regime(name, kind.title, kind.unit, bins, explained, min(explained / excess, 1.0)))
     found.sort(key=lambda r: -r.explained_K2)
-    return (Regime("always", "all along", "", whole, constant, min(constant / excess, 1.0)), *found)
+    return (Regime("always", "on average", "", whole, constant, min(constant / excess, 1.0)), *found)
 
 
 def _bins(name: str, x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
-    """Edges and labels of one feature's bins; None where it hardly moves."""
+    """Edges and labels of one feature's bins; None if it hardly changes."""
     kind = FEATURES[name]
     if float(np.ptp(x)) < kind.least:
         return None
@@ -232,12 +232,12 @@ def _bins(name: str, x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] |
 
 
 def directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
-    """Split a signed quantity into bins of both directions: edges and labels; None where these are too few."""
+    """Divide a signed quantity into bins of both directions: edges and labels; None if there are too few."""
     edges: list[float] = [-np.inf]
     labels: list[str] = []
     rest = REST * peak
     for way, side in (("charging", -x[x < -rest]), ("discharging", x[x > rest])):
-        # half of what this side reaches: pulses of two sizes end up in bins of their own
+        # half of the range of this side: pulses of two sizes then get separate bins
         half = float(rounded(0.5 * np.quantile(side, [0.95]), peak)[0]) if len(side) > 20 else np.inf
         halves = [half] if rest < half < np.inf else []
         names = [f"while {way} below {h:g} A" for h in halves] + [f"while {way} above {h:g} A" for h in halves]
@@ -253,7 +253,7 @@ def directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
 
 
 def rounded(x: Floats, span: float) -> Floats:
-    """To a step that is 1, 2 or 5 times a power of ten, about a fiftieth of the span."""
+    """Round to a step of 1, 2 or 5 times a power of ten, about a fiftieth of the span."""
     rough = span / 50.0
     power = 10.0 ** np.floor(np.log10(rough))
     step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda s: abs(s * power - rough))

@@ -15,36 +15,36 @@ LAGS = range(3, 9)
 LONGEST = 400
 """Number of lags over which the inflation of a sum's variance is computed."""
 REGIME = {"soc": 0.01, "T_in": 0.5, "flow": 0.03}
-"""How far outside the trained range a held-out reading may lie before it counts as extrapolation."""
+"""Distance of a held-out reading beyond the trained range above which it counts as extrapolation."""
 COARSE = 3.0
-"""Standard deviations of the noise in a step from which on it is hardly known."""
+"""Size of a step in standard deviations of the noise above which the noise is hardly known."""
 LEAST_Z = 6.0
-"""Structure below this value counts as none."""
+"""Structure below this value counts as zero."""
 ENOUGH = 50
-"""Readings inside the trained range; with fewer all held-out readings count."""
+"""Least number of readings inside the trained range; with fewer, all held-out readings count."""
 
 LEAST_STRUCTURE = 0.18
-"""Structured error, in units of the sensors' noise, that counts as something left over …"""
+"""Structured error, in units of the sensors' noise, above which something is unexplained …"""
 COARSE_STRUCTURE = 0.6
-"""… and where the resolution is so coarse that rounding itself leaves structure."""
+"""… and the same if the resolution is so coarse that rounding itself leaves structure."""
 CHANCE = 1.5
-"""Factor on the error that coarse rows may cause, because the error of one record is a draw of few."""
+"""Factor on the possible error by coarse rows, because the error of one record is a single random sample."""
 HELD_RATIO = 1.2
 """Held-out residual over the noise above which the model fails on held-out readings."""
 COARSE_SDS = 2.0
-"""Of the held-out residual that coarse steps leave to a few readings: so many it must be above that."""
+"""Margin in standard deviations of a held-out residual if coarse steps leave the information to a few readings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """What is not white in a residual of unit variance.
+    """Structure of a residual of unit variance: its part that is not white.
 
     Attributes
     ----------
     power : float
         Autocovariance at lags 3–8, in units of the sensors' variance: the structured error squared.
     z : float
-        It over its standard deviation for a white residual.
+        The power over its standard deviation for a white residual.
     inflation : float
         Variance of a sum over the residual, over that of white noise of the same size; it tempers the evidence.
     """
@@ -59,12 +59,12 @@ class Structure:
         return float(np.sqrt(max(self.power, 0.0)))
 
 
-def structure(fit: MapFit, held: bool = False) -> Structure:
-    """Find the structure in a fit's residual, on the readings used or on those held out.
+def structure(fit: MapFit) -> Structure:
+    """Find the structure in a fit's residual, on the readings used.
 
-    Where the noise is hardly known its variance is taken from the residual, as long as that is white.
+    If the noise is hardly known, its variance is taken from the residual, as long as this is white.
     """
-    found = structure_of(_series(fit, held))
+    found = structure_of(_series(fit))
     return replace(found, inflation=found.inflation * usual_scale(fit, found.z) ** 2)
 
 
@@ -74,7 +74,7 @@ def noise_hardly_known(fit: MapFit) -> bool:
 
 
 def usual_scale(fit: MapFit, z: float) -> float:
-    """Give the factor on the noise by the white residual of trained readings if steps are coarse; otherwise 1."""
+    """Return the factor on the noise from the white residual of trained readings if steps are coarse; otherwise 1."""
     if z > LEAST_Z or not noise_hardly_known(fit):
         return 1.0
     return max(1.0, scale(fit, stacked(fit.problem)[4]))
@@ -107,7 +107,7 @@ def rmse(fit: MapFit, rows: np.ndarray) -> float:
 
 
 def noise_floor(fit: MapFit, rows: np.ndarray) -> float:
-    """Give the root mean square, K, that a perfect model would leave on some readings."""
+    """Root mean square error, K, of a perfect model on some readings."""
     sigma = stacked(fit.problem)[1]
     return float(np.sqrt(np.mean(sigma[rows] ** 2))) if rows.any() else float("nan")
 
@@ -138,7 +138,7 @@ def scale(fit: MapFit, rows: np.ndarray, sds: float = 0.0) -> float:
 
 
 def within(fit: MapFit) -> np.ndarray:
-    """Held-out readings (M,) whose inputs lie within the range that was trained; all held-out ones if few do."""
+    """Held-out readings (M,) whose inputs are within the trained range; all held-out ones if few are."""
     parts = []
     for m in fit.problem.records:
         interval = interval_of(m)
@@ -152,7 +152,7 @@ def within(fit: MapFit) -> np.ndarray:
 
 
 def structured(fit: MapFit, open_in_sd: float = 0.0) -> bool:
-    """Whether a fit leaves structure in the readings it was trained on.
+    """Whether a fit leaves structure in the trained readings.
 
     Parameters
     ----------
@@ -165,12 +165,12 @@ def structured(fit: MapFit, open_in_sd: float = 0.0) -> bool:
 
 
 def least_structure(fit: MapFit) -> float:
-    """Structured error, in units of the noise, from which on a fit leaves more than its sensors' steps do."""
+    """Structured error, in units of the noise, above which a fit leaves more than the steps of its sensors."""
     return COARSE_STRUCTURE if noise_hardly_known(fit) else LEAST_STRUCTURE
 
 
 def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
-    """Whether a fit leaves structure in the readings, and whether it fails on those held out.
+    """Whether a fit leaves structure in the readings, and whether it fails on held-out readings.
 
     Parameters
     ----------
@@ -195,13 +195,12 @@ def _span(m: Measured) -> np.ndarray:
     return np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
 
 
-def _series(fit: MapFit, held: bool) -> list[Floats]:
-    """Residual of each record and channel, in order of time."""
+def _series(fit: MapFit) -> list[Floats]:
+    """Residual of each record and channel at the readings used, in order of time."""
     found = []
     first = 0
     for m in fit.problem.records:
         r = fit.r[first : first + len(m.y)]
         first += len(m.y)
-        chosen = ~m.used if held else m.used
-        found += [r[chosen & (m.channel == j)] for j in range(len(m.channels))]
+        found += [r[m.used & (m.channel == j)] for j in range(len(m.channels))]
     return [r for r in found if len(r) > max(LAGS)]

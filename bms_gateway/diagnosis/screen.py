@@ -1,9 +1,9 @@
-"""Which effects would explain what a fit leaves over: the score test, for all candidates at a few trajectories' cost.
+"""Which effects could explain the residual of a fit: the score test, at the cost of a few trajectories for all.
 
-The response of the readings to a candidate is found by running the model once more with the effect at a small probe
-value, about the fitted trajectory. Its gain is what the cost would fall by if the effect's strength and all numbers of
-the fit were free and everything were linear: the Gauss–Newton step of the joint problem, projected off the columns of
-the fit, so that what those numbers have absorbed counts in the effect's favour (Rao's score test with nuisances).
+The response of the readings to a candidate is found by simulating the model with the effect at a small probe value,
+about the fitted trajectory. Its gain is the fall of the cost if the effect's strength and all numbers of the fit were
+free and everything were linear: the Gauss–Newton step of the joint problem, projected off the columns of the fit, so
+that what these numbers have absorbed counts in favour of the effect (Rao's score test with nuisances).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,8 +14,9 @@ import numpy as np
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.effort import beat
-from bms_gateway.identify.map_fit import MapFit, solved, stacked
+from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.identify.problem import Problem, signals_at
+from bms_gateway.identify.quadratic import solved
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.effects import EffectParameter
 from bms_gateway.thermal.physics import Numbers, Physics, with_effect
@@ -23,11 +24,11 @@ from bms_gateway.thermal.system import System
 from bms_gateway.thermal.trajectory import Recursion, reference, simulate
 
 AMPLITUDE_SD = 3.0
-"""Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may well be."""
+"""Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may be."""
 FINE = 2
-"""Factor of the fit's places up to which responses are computed in the record's own intervals."""
+"""Largest factor of the fit's places for which responses are computed in the record's own intervals."""
 TOGETHER = 16
-"""Candidates whose responses are computed at once."""
+"""Number of candidates whose responses are computed at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,9 @@ class Gain:
     ----------
     candidate : Candidate
     gain : float
-        By how much the cost (−2 log posterior) would fall; infinite for an effect that never vanishes, which a score
-        cannot speak of.
+        Fall of the cost (−2 log posterior); infinite for an effect that never vanishes, for which there is no score.
     values : mapping of parameter to float, SI
-        Where its strength would end: the start of a fit.
+        End values of its strengths: the start of a fit.
     columns : ndarray (M', p)
         Response of the readings at the fit's places to its strengths, K per unit.
     """
@@ -56,7 +56,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     """Score candidates against a fit, best first."""
     used = stacked(fit.problem)[4]
     steep = np.sqrt(fit.steep)  # as in the fit's H
-    free = fit.free  # what stands on a bound cannot make way for a candidate
+    free = fit.free  # a number at its bound cannot adjust to a candidate
     r = fit.gathered(np.where(used, fit.r, 0.0)) / steep
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
@@ -129,7 +129,7 @@ class Responses:
         self._fit = fit
         self._problem = fit.problem
         self._records = []
-        # the places of a long string, where all columns are taken, spare most of the work
+        # the places of a long string, where all columns are taken, save most of the work
         self._at_places = all(p.factor > FINE for p in fit.problem.places)
         for r, (own, p) in enumerate(zip(fit.problem.records, fit.problem.places, strict=True)):
             m = p.at if self._at_places else own
@@ -168,7 +168,7 @@ class Responses:
         return _Probe(c, values, unit, physics, self._begins(c, values))
 
     def _read(self, r: int, probes: Sequence[_Probe]) -> Floats:
-        """By how much the readings (P, M) of one record move with each probe."""
+        """Change of the readings (P, M) of one record by each probe."""
         fitted = self._records[r]
         m, X = fitted.measured, fitted.X
         systems = []
@@ -192,7 +192,7 @@ class Responses:
         return np.stack([signals_at(m, s, moved[j]) - fitted.y for j, s in enumerate(systems)])
 
     def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
-        """Return the starts with the effect: what a thermocouple adds has gone into the start taken from it."""
+        """Return the starts with the effect: a start taken from a thermocouple contains the thermocouple's error."""
         if c.effect.states or "reading" not in c.effect.hooks():
             return [fitted.starts for fitted in self._records]
         with_it = Problem(c.put_into(self._problem.model, values), self._problem.records, self._problem.beliefs)
@@ -202,7 +202,7 @@ class Responses:
     @staticmethod
     def _whole(system: System, starts: Sequence[Floats], X: Floats) -> Floats:
         """Trajectory with an effect that has states of its own."""
-        # states that the model had before stay where they are: the new effect's come last
+        # the new effect's states are appended after the existing ones
         physics, v, n = system.physics, system.v, system.physics.cells
         guess = extended(physics, X, v, n)
         recursion = reference(system, guess.mean(axis=0))
@@ -210,14 +210,14 @@ class Responses:
 
 
 def extended(physics: Physics, X: Floats, v: Numbers, n: int) -> Floats:
-    """States with room for the new effect's own, in balance with core and surface."""
+    """States extended by the new effect's own states, in balance with core and surface."""
     full = physics.start(X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2], v)
     full[..., : X.shape[-1]] = X
     return full
 
 
 def _spans(system: System, X: Floats) -> Iterator[tuple[Floats, System]]:
-    """Mean states of each span's intervals, and its balances."""
+    """Yield the mean states of each span's intervals, and its balances."""
     for rows, part in system.parts():
         x = X[rows]
         yield (x[1:] + x[:-1]) / 2.0, part

@@ -1,7 +1,7 @@
-"""The search for missing effects: screen all, refit the best, let evidence and held-out readings decide, repeat.
+"""The search for missing effects: screen all, refit the best, decide by evidence and held-out readings, repeat.
 
-Evidence and held-out readings decide as `weighing` says. After each addition the earlier ones are tried again: dropped
-when superfluous, exchanged when another does their work better.
+The rules are in `weighing`. After each addition the earlier effects are tried again: an effect is dropped if it is
+superfluous, and exchanged if another one explains its part better.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, left_open
 from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnosis.screen import Gain, extended, screen
-from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, judge, prior_odds, worth
+from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, inexact, judge, prior_odds, worth
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import (
     FitEffort,
@@ -32,16 +32,18 @@ from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
 EXPLAINED = 1.05
-"""Cost per reading of a fit that leaves nothing to be explained."""
+"""Cost per reading of a fit that explains everything."""
 OUTCLASSED = 0.25
-"""Share of what the best fit gains that another may lack after what its next step promises, to be fitted to its end."""
+"""Largest part of the best fit's gain that another fit may lack, after its next promised step, to be completed."""
 ALL_OR_ENDS = {"surface_joule": "busbar_joule", "ambient_loss": "end_plate"}
 ALL_OR_ENDS |= {ends: every for every, ends in ALL_OR_ENDS.items()}
-"""Effects of all cells and of the end cells alone, which only a thermocouple further in tells apart."""
+"""Effects of all cells, and of the end cells alone, which only a thermocouple between them distinguishes."""
 AS_GOOD = 0.9
-"""Share of the log-odds from which the other one of two such effects explains the readings as well."""
+"""Share of the log-odds above which the other one of two such effects explains the readings equally well."""
+NEAR = 0.95
+"""Share of the first effect's log-odds above which another is tried in its place if structure is left."""
 STRAINED = 3.0
-"""sd of a tolerance: one in four hundred, and what a missing effect is put down to."""
+"""sd of a tolerance: one in four hundred; beyond, a missing effect is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class Chosen:
 
 @dataclass(slots=True)
 class Search:
-    """What a search found.
+    """Result of a search.
 
     Attributes
     ----------
@@ -74,13 +76,13 @@ class Search:
     gains : list of Gain
         Scores of all candidates against the baseline.
     orphan : bool
-        Strong evidence for something, and nothing that the gates let in.
+        Strong evidence for a missing effect, none of which passes the gates.
     left_open : float, K
-        What the readings may be off because the current is not known between its rows.
+        Possible error of the readings because the current is not known between its rows.
     hopeless : bool
-        Whether that is too much for any name.
+        Whether this error is too large to name any effect.
     physical : list of list of Trial, or None
-        Rounds of the search before this one, which had no other source of the heat to offer; None where this is it.
+        Rounds of the earlier search, which offered no other source of the heat; None if this is that search.
     """
 
     baseline: MapFit
@@ -95,7 +97,7 @@ class Search:
 
     @property
     def asked(self) -> list[list[Trial]]:
-        """Rounds over effects that are physics, and not another source of the heat."""
+        """Rounds over physical effects, without another source of the heat."""
         return self.rounds if self.physical is None else self.physical
 
 
@@ -105,7 +107,6 @@ def search(
     settings: Settings | None = None,
     progress: Progress | None = None,
     doubts: Sequence[float] = (),
-    voltage: bool = False,
     baseline: MapFit | None = None,
 ) -> Search:
     """Search for the effects that a model lacks.
@@ -113,17 +114,15 @@ def search(
     Parameters
     ----------
     model : StringModel
-        With the priors from which it is fitted.
+        With the priors of its fit.
     records : sequence of Measured
     settings : Settings, optional
     progress : callable, optional
-        Told the share of the work done and what is being done.
+        Gets the share of the work done and the present step.
     doubts : sequence of float, optional
-        Of a minute's heat in each record, relative: rows of the current that lie too far apart (`coarse_rows`).
-    voltage : bool
-        Offer heat by the voltage in place of I²R_e too: which tells how much heat there is, and not what makes it.
+        Relative sd of a minute's heat in each record, if rows of the current are too far apart (`coarse_rows`).
     baseline : MapFit, optional
-        Fit of the model as it is to these records, where there is one.
+        Fit of the present model to these records, if there is one.
 
     Returns
     -------
@@ -140,12 +139,12 @@ def search(
     s = replace(s, left_open=found.left_open)
     y = stacked(baseline.problem)[0]
     surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
-    offered = [c for c in candidates(model, records[0].drive, surfaces) if voltage or c.name not in INSTEAD]
+    offered = [c for c in candidates(model, records[0].drive, surfaces) if s.voltage or c.name not in INSTEAD]
     _climb(found, offered, s, tell)
     for rival in _rivals(found, s):
         tell(0.9, f"beginning with {rival.candidate.key}")
         other = Search(baseline, _settled(rival.fit, baseline, s), gains=found.gains, rounds=found.rounds[:1])
-        other.chosen.append(_chosen(rival, found.rounds[0]))
+        other.chosen.append(chosen_of(rival, found.rounds[0]))
         _climb(other, offered, s, tell)
         if structure(other.final).z <= s.white and _posterior(other, offered) > _posterior(found, offered) + s.ahead:
             other.left_open, other.hopeless, found = found.left_open, found.hopeless, other
@@ -156,7 +155,7 @@ def search(
 
 
 def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progress) -> None:
-    """Add effects one by one as long as evidence and held-out readings let one in."""
+    """Add effects one by one as long as evidence and held-out readings accept one."""
     baseline, on_trial = found.baseline, False
     for number in range(len(found.chosen), s.effects):
         current = found.final
@@ -172,10 +171,10 @@ def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progr
         found.rounds.append(trials)
         accepted = next((t for t in trials if t.passed), None)
         if accepted is None and number == 0 and trials[0].log_odds > s.ahead:
-            accepted, on_trial = trials[0], True  # two effects may only generalise together
+            accepted, on_trial = trials[0], True  # two effects may generalise only together
         if accepted is None:
             break
-        found.chosen.append(_chosen(accepted, trials))
+        found.chosen.append(chosen_of(accepted, trials))
         found.final = _settled(accepted.fit, baseline, s)
         if len(found.chosen) > 1:
             _exchange(found, offered, s)
@@ -184,16 +183,16 @@ def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progr
 
 
 def _rivals(found: Search, s: Settings) -> list[Trial]:
-    """Other first effects that explained nearly as much, where what was found leaves structure.
+    """Other first effects that explained nearly as much, if the found ones leave structure.
 
-    With two effects hidden the one that mimics both best comes first, and with it in the model neither of them is
-    worth much more: the way up leads over the other.
+    If two effects are missing, the one that resembles both best comes first. With it in the model, neither of the two
+    gains much; the search must then start from another one.
     """
     if not found.chosen or structure(found.final).z <= s.white:
         return []
     there = {c.candidate.name for c in found.chosen}
     near = [t for t in found.rounds[0] if t.candidate.name not in there]
-    near = [t for t in near if t.log_odds > s.near * found.rounds[0][0].log_odds]
+    near = [t for t in near if t.log_odds > NEAR * found.rounds[0][0].log_odds]
     return list({t.candidate.name: t for t in reversed(near)}.values())[::-1][: s.ways]
 
 
@@ -204,7 +203,7 @@ def _posterior(found: Search, offered: Sequence[Candidate]) -> float:
 def refit(
     parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf, outclassed: float = np.inf
 ) -> MapFit:
-    """Fit a model with one effect more, from the optimum without it."""
+    """Fit a model with one more effect, from the optimum without it."""
     problem = Problem(gain.candidate.put_into(parent.problem.model, gain.values), parent.problem.records)
     theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
     guess = [
@@ -220,7 +219,7 @@ def refit(
 
 
 def refit_from_nominal(fit: MapFit, parent: MapFit, *, give_up: float = np.inf) -> MapFit:
-    """Fit the same model from the priors' medians: a strong effect biases the optimum that others start from."""
+    """Fit the same model from the priors' medians: a strong effect biases the optimum at which others start."""
     P = len(parent.theta)
     theta = fit.problem.begin
     theta[P:] = fit.theta[P:]
@@ -234,7 +233,7 @@ def refit_from_nominal(fit: MapFit, parent: MapFit, *, give_up: float = np.inf) 
 
 
 def _settled(fit: MapFit, baseline: MapFit, s: Settings) -> MapFit:
-    """Fit to the end; an effect with a shape is led in anew as long as it leaves structure and that helps."""
+    """Fit to the end; a shape effect is annealed again as long as it leaves structure and this helps."""
     best = converged(fit)
     shaped = any(p.neutral is None for e in fit.problem.model.effects for p in effect_named(e.name).parameters)
     for _ in range(s.restarts if shaped else 0):
@@ -249,7 +248,7 @@ def _settled(fit: MapFit, baseline: MapFit, s: Settings) -> MapFit:
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """What one round of the search starts from: the model of now, that of the beginning, and what may be added."""
+    """Start of one round of the search: the present model, the first model, and the candidates."""
 
     current: MapFit
     baseline: MapFit
@@ -261,17 +260,21 @@ class _Round:
 def _round(start: _Round, gains: Sequence[Gain], tell: Progress) -> list[Trial]:
     current, offered, s, number = start.current, start.offered, start.settings, start.number
     chosen: list[Gain] = []
+    # gain by relaxed tolerances counts in full
+    tempered = 1.0 if strained(current) else 1.0 + inexact(current, start.baseline, s)
     for g in gains:
         family = sum(c.candidate.name == g.candidate.name for c in chosen)
-        if _promising(g, offered, s, number) and family < s.per_family and len(chosen) < s.refits:
+        if _promising(g, offered, s, number, tempered) and family < s.per_family and len(chosen) < s.refits:
             chosen.append(g)
     fits: list[tuple[Candidate, MapFit]] = []
     best = np.inf
     for i, g in enumerate(chosen):
-        tell(0.15 + 0.8 * (number + 0.1 + 0.8 * i / len(chosen)) / s.effects, f"refitting with {g.candidate.key}")
-        # beside one that explains everything, another that does not soon come near it is no rival
+        # if one effect explains everything, another one that does not soon come close is no rival
         explained = best < EXPLAINED * current.readings < current.cost
         outclassed = best + OUTCLASSED * (current.cost - best) if explained else np.inf
+        if current.cost - g.gain / s.promise > outclassed:
+            continue
+        tell(0.15 + 0.8 * (number + 0.1 + 0.8 * i / len(chosen)) / s.effects, f"refitting with {g.candidate.key}")
         fit = refit(current, g, give_up=best + 60.0, outclassed=outclassed)
         best = min(best, fit.cost)
         fits.append((g.candidate, fit))
@@ -282,7 +285,7 @@ def _round(start: _Round, gains: Sequence[Gain], tell: Progress) -> list[Trial]:
         return fit.log_evidence + prior_odds(c, offered)
 
     fits.sort(key=lambda x: -posterior(*x))
-    # later rounds start from an optimum that holds the strongest effect already
+    # later rounds start from an optimum that already contains the strongest effect
     biased = number == 0 and structure(current).z > s.strong
     if biased and structure(fits[0][1]).z > s.strong:
         fits[0] = (fits[0][0], converged(fits[0][1]))
@@ -293,10 +296,10 @@ def _round(start: _Round, gains: Sequence[Gain], tell: Progress) -> list[Trial]:
 
 
 def _restart(fits: list[tuple[Candidate, MapFit]], current: MapFit, s: Settings) -> None:
-    """Fit the best, which stand first, from nominal too, and keep what is better.
+    """Fit the best (which come first) from nominal too, and keep the better result.
 
-    Where the first then explains everything, others far behind are left as they are: what biased its start biased
-    theirs, and a restart brings them nearer, not past it.
+    If the first then explains everything, distant others are not refitted: their starts had the same bias, and a
+    restart brings them nearer, but not past it.
     """
     first, gained, whole = fits[0][1], 0.0, False
     for i in range(min(s.restarts, len(fits))):
@@ -312,16 +315,17 @@ def _restart(fits: list[tuple[Candidate, MapFit]], current: MapFit, s: Settings)
 
 
 def strained(fit: MapFit) -> bool:
-    """Whether cells or sensors stand at the limits of their tolerances: the way back from there is long and curved."""
+    """Whether cells or sensors are at the limits of their tolerances: the path back is long and curved."""
     return bool(np.any(np.abs(fit.nu) > STRAINED * fit.linear.sd))
 
 
-def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, number: int) -> bool:
+def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, number: int, tempered: float = 1.0) -> bool:
     needed = s.odds(number) + HALF - prior_odds(g.candidate, offered)
-    return g.gain >= 2.0 * s.promise * needed
+    return g.gain >= 2.0 * s.promise * needed * tempered
 
 
-def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
+def chosen_of(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
+    """Name the effects that explain nearly as much as the accepted one."""
     likely = [t for t in trials if t.share >= 0.01]
     if _ends_only(accepted.fit):
         other = ALL_OR_ENDS.get(accepted.candidate.name)
@@ -331,13 +335,13 @@ def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
 
 
 def _ends_only(fit: MapFit) -> bool:
-    """Whether no thermocouple of a string sits between its end cells, so that only what these do shows directly."""
+    """Whether no thermocouple is between a string's end cells, so that only the end cells show directly."""
     ends = {1, fit.problem.model.cells}
     return all(cell in ends for m in fit.problem.records for _, cell in m.channels)
 
 
 def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
-    """Try each earlier effect again: it may be superfluous now, or another does its work better."""
+    """Try each earlier effect again: it may now be superfluous, or another may explain its part better."""
     inflation = structure(found.final).inflation
     for old in found.chosen[:-1]:
         keep = [c for c in found.chosen if c is not old]  # an exchange puts the new one last
@@ -360,7 +364,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
             return x[1].log_evidence + prior_odds(x[0], offered)
 
         fits.sort(key=posterior, reverse=True)
-        # which of those that are near is the best, a few steps cannot tell
+        # a few steps cannot decide which of the near ones is the best
         near = [posterior(x) > posterior(fits[0]) - s.far for x in fits[: s.restarts]]
         fits = [(c, converged(fit)) if ok else (c, fit) for (c, fit), ok in zip(fits, near, strict=False)] + fits[
             len(near) :
@@ -371,12 +375,12 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         if won > s.first_odds * inflation and best.key != old.candidate.key:
             trials = judge(less, found.baseline, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
             trial = next(t for t in trials if t.candidate is best)
-            found.chosen = [*keep, _chosen(trial, trials)]
+            found.chosen = [*keep, chosen_of(trial, trials)]
             found.final = fit
 
 
 def without(fit: MapFit, key: str) -> MapFit:
-    """Refit with one effect, called as in model files, taken out of the model."""
+    """Refit without one effect, named by its key in model files."""
     model = fit.problem.model
     less = replace(model, effects=tuple(e for e in model.effects if e.key != key))
     problem = Problem(less, fit.problem.records, fit.problem.beliefs)
@@ -385,7 +389,7 @@ def without(fit: MapFit, key: str) -> MapFit:
 
 
 def _redeemed(found: Search) -> bool:
-    """Whether effects taken on trial generalise together."""
+    """Whether effects accepted on trial generalise together."""
     held = within(found.baseline)
     better = log_density(found.final, held) - log_density(found.baseline, held) >= 10.0
     return len(found.chosen) > 1 and better and rmse(found.final, held) <= 1.05 * rmse(found.baseline, held)

@@ -1,10 +1,10 @@
-"""The second search: for records whose model error, not the noise of their thermocouples, sets what can be told.
+"""The second search: for records in which the model error, and not the noise of thermocouples, limits the result.
 
-All single effects are fitted, then the pairs and triples that a linear step promises most of, each with a discrepancy
-of its own; plausibility counts. An effect stays only if no hypothesis without it comes within 20 to 1. What is found
-must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the rest. Where
-a law goes by the charge, that rest counts as far as the first part of some record knows its charge. A discharge from
-full to empty has no such rest: in it charge and time are one, and no law of the charge is proven by it alone.
+All single effects are fitted, then the most promising pairs and triples by a linear step, each with its own
+discrepancy; plausibility counts. An effect is kept only if no hypothesis without it comes within 20 to 1. The found
+effects must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the
+rest. For a law of the charge, this rest counts as far as the first part of some record contains its charge. A discharge
+from full to empty has no such rest: charge and time are equivalent in it, and it alone proves no law of the charge.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import held_out, seen_on
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.coverage import covered
+from bms_gateway.diagnosis.filed import held_out, seen_on
 from bms_gateway.diagnosis.hypotheses import Board, Hypothesis, freed
 from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
 from bms_gateway.diagnosis.residuals import LEAST_Z, rmse, structure, structured
@@ -29,11 +29,11 @@ from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
 TIED = 3.0
-"""Log-odds within which another effect in its place would do as well."""
+"""Log-odds within which another effect in the same place explains equally well."""
 ENOUGH_KNOWN = 0.2
-"""Share of held-out readings at a charge that was trained, from which a law of the charge is judged by them."""
+"""Share of held-out readings at a trained charge above which a law of the charge is judged by them alone."""
 HALF = 0.8
-"""Share of the structure's power that an explanation must take away."""
+"""Share of the structure's power that an explanation must remove."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +44,21 @@ class SecondSettings:
     ----------
     error : ModelError
     singles, pairs, triples : int
-        Hypotheses fitted of one, two, three effects, for a single cell …
+        Number of fitted hypotheses with one, two, three effects, for a single cell …
     string_singles, string_pairs : int
-        … and for a string, whose fits cost more and whose effects sit in many places.
+        … and for a string, whose fits cost more and whose effects have many places.
     parents, string_parents, pair_parents : int
-        Singles, those of a string, and pairs that are extended.
+        Number of singles, singles of a string, and pairs that are extended.
     again : int
-        Best ones that are fitted anew from nominal.
+        Number of best ones that are fitted again from nominal.
     gain : float
-        Log-odds that every effect must earn over the best hypothesis without it: 3 is 20 to 1.
+        Log-odds that every effect must gain over the best hypothesis without it: 3 is 20 to 1.
     digits : float
-        Cost at which the fits of the best hypotheses end.
+        Accuracy of the cost in the fits of the best hypotheses.
     explained : float
-        Share of the misfit above the noise that the choice must explain.
+        Share of the misfit above the noise that the chosen hypothesis must explain.
     train, tail : float
-        First part of the record, and share of the error in the rest that may be left.
+        First part of the record, and greatest share of the error that may remain in the rest.
     """
 
     error: ModelError = field(default_factory=ModelError)
@@ -92,7 +92,7 @@ class Ranked:
     effects : tuple of str
         Keys as in model files; empty for the model as it is.
     log_odds : float
-        Against the chosen hypothesis: 0 for itself, positive only for what was refused or not parsimonious.
+        Against the chosen hypothesis: 0 for itself, positive only if refused or not parsimonious.
     share : float
         Probability among those not refused.
     refused : str
@@ -106,43 +106,43 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class SecondSearch:
-    """What the second search found.
+    """Result of the second search.
 
     Attributes
     ----------
     baseline, best : MapFit
         The model as it is and with the chosen effects, on the averaged records.
     chosen : tuple of Chosen
-        Surest first. With the verdict "unknown_effect" it is what the unknown looks like, never the cause.
+        Surest first. With the verdict "unknown_effect", the unknown effect resembles it; it is never the cause.
     verdict : {"missing_effect", "unknown_effect"}
     unknown_remains : bool
-        Always true: the regime is entered because the skeleton itself errs.
+        Always true: this search is only made if the two-node model itself has an error.
     core_claimed : bool
-        Whether the core may be called better known than before.
+        Whether the core is better known than before.
     alarms : tuple of str
-        What speaks against the core, each a sentence.
+        Reasons against the core, each a sentence.
     witnesses : tuple of Witness
-        All that were asked, with what they said.
+        All witnesses, with their statements.
     ranking : tuple of Ranked
     explained : float
         Share of the surface's misfit above the noise.
     blocks : tuple of MapFit
-        Without and with the chosen effects, fitted with the held-out blocks left out, against the readings as they
-        came: the errors that `compare` tells of the same models.
+        Without and with the chosen effects, fitted without the held-out blocks, compared with the readings as they
+        came: the errors that `compare` states for the same models.
     tail : tuple of float
-        RMSE in the last part, fitted to the first: without and with the chosen effects, K.
+        RMSE in the last part of a fit to the first, without and with the chosen effects, K.
     known_K : tuple of float or None
-        As `held_K`, where the charge is one that was trained: told where a law goes by the charge and a part of the
-        held-out readings lies beyond it.
+        As `held_K`, at trained charges only; given if a law depends on the charge and a part of the held-out readings
+        is at other charges.
     discrepancy : tuple of float
         Size of the slow model error without and with the chosen effects, K.
     records : sequence of Measured
         As given.
     hypotheses : tuple of Hypothesis
-        Not refused, the chosen one first.
+        Hypotheses that are not refused, the chosen one first.
     settings : SecondSettings
     probability : mapping of key to float
-        Of each chosen effect: that of all hypotheses together, not refused, that have it.
+        Of each chosen effect: the sum over all hypotheses with it that are not refused.
     """
 
     baseline: MapFit
@@ -172,9 +172,9 @@ class SecondSearch:
 
 
 def needs_second(first: Search) -> bool:
-    """Whether the first search leaves structure that it could not explain: much, half of it, or a number at its bound.
+    """Whether the first search leaves unexplained structure: much, half of it, or a number at its bound.
 
-    A number at its bound that leaves white readings is there by nature: all of a share, none of a loss.
+    A number at its bound with white readings is at a natural limit: a full share, or no loss.
     """
     if first.orphan:
         return True
@@ -189,7 +189,7 @@ def needs_second(first: Search) -> bool:
 
 
 def _bounded(c: Coordinate) -> bool:
-    """Whether a coordinate is a number of an effect and no mere shape, which may end where it likes."""
+    """Whether a coordinate is a number of an effect and no shape parameter, which may end anywhere."""
     if c.effect is None:
         return False
     effect = effect_named(c.effect.partition(":")[0])
@@ -202,17 +202,17 @@ def second_search(
     settings: SecondSettings | None = None,
     progress: Progress | None = None,
 ) -> SecondSearch:
-    """Search for missing effects without trusting the model beyond its floor.
+    """Search for missing effects with an assumed model error.
 
     Parameters
     ----------
     model : StringModel
-        With the priors from which it is fitted.
+        With the priors of its fit.
     records : sequence of Measured
-        As `prepare.measured` makes them; all readings are used, held-out ones too.
+        From `prepare.measured`; all readings are used, also held-out ones.
     settings : SecondSettings, optional
     progress : callable, optional
-        Told the share of the work done and what is being done.
+        Gets the share of the work done and the present step.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def _explore(board: Board, s: SecondSettings, tell: Progress) -> None:
 
 
 def _parsimonious(board: Board, s: SecondSettings) -> Hypothesis:
-    """Best hypothesis each of whose effects is worth its place."""
+    """Best hypothesis in which each effect is needed."""
     best = board.accepted()[0]
     while best.effects:
         value, without = min(
@@ -310,10 +310,10 @@ def _parsimonious(board: Board, s: SecondSettings) -> Hypothesis:
 
 
 def _clean(best: Hypothesis, records: Sequence[Measured]) -> bool:
-    """Whether the readings as they came keep no structure beside a hypothesis.
+    """Whether the residuals of all readings, as they were recorded, have no structure under a hypothesis.
 
-    Where they do, the skeleton of two nodes errs still, and what takes a little of that error away need not be there:
-    an effect that every cell has may be named beside it, one that needs a special cause may not.
+    If they have structure, the two-node model still has an error. An effect that reduces this error a little need not
+    exist. Then an effect that every cell has may be named, but not one that needs a special cause.
     """
     return not structured(seen_on(best.fit.map, [replace(m, used=np.ones_like(m.used)) for m in records]))
 
@@ -325,7 +325,7 @@ def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
 
 
 def _by_voltage(board: Board, best: Hypothesis) -> list[Witness]:
-    """Fit the heat that the voltage tells, without any effect, and see where it puts the cores."""
+    """Fit the heat from the voltage without any effect, and compare its cores."""
     heat = freed(Candidate(effect_named("voltage_heat")), board.bench.records)
     if not all(heat.effect.determined(m.drive) for m in board.bench.records):
         return []
@@ -337,7 +337,7 @@ def _by_voltage(board: Board, best: Hypothesis) -> list[Witness]:
 
 
 def _alone(joint: Fit, m: Measured, settings: ModelError) -> MapFit:
-    """Fit one record with the model of all."""
+    """Fit one record with the common model."""
     bench = Bench([m], settings)
     problem = Problem(joint.map.problem.model, bench.records, bench.beliefs)
     theta = problem.begin
@@ -349,13 +349,13 @@ def _alone(joint: Fit, m: Measured, settings: ModelError) -> MapFit:
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """Readings that were held out, predicted.
+    """Predictions of held-out readings.
 
     Attributes
     ----------
     error : ndarray (H,), K
     known : ndarray (H,) of bool
-        Whether the heat behind them was made at a charge that was trained.
+        Whether the heat behind each was made at a trained charge.
     """
 
     error: Floats
@@ -363,22 +363,22 @@ class Predicted:
 
     @classmethod
     def of(cls, f: MapFit) -> "Predicted":
-        """Take what a fit holds out."""
+        """Take the held-out readings of a fit."""
         y, _, _, _, used = stacked(f.problem)
         return cls((y - f.y)[~used], covered(f.problem.records)[~used])
 
     @property
     def splits(self) -> bool:
-        """Whether some lie beyond the charge that was trained, and enough within it to judge by."""
+        """Whether some are beyond the trained charges, and enough are within to judge."""
         return bool(not self.known.all() and self.known.mean() >= ENOUGH_KNOWN)
 
     def rmse(self, *, known: bool = False) -> float:
-        """Root mean square, K; of those at a known charge alone."""
+        """Root mean square, K; with `known`, only at trained charges."""
         return float(np.sqrt(np.mean(self.error[self.known] ** 2 if known else self.error**2)))
 
 
 def _removed(errors: tuple[float, float], noise: float, s: SecondSettings) -> bool:
-    """Whether enough of an error above the noise is gone."""
+    """Whether enough of the error above the noise has been explained."""
     before, after = (x**2 - noise**2 for x in errors)
     return max(after, 0.0) <= s.tail * max(before, 1e-9)
 
@@ -391,9 +391,9 @@ def _tail(bench: Bench, f: Fit, s: SecondSettings) -> Predicted:
 
 
 def _blocks(bench: Bench, f: Fit, records: Sequence[Measured], *, anew: bool = False) -> MapFit:
-    """Fit without the held-out blocks, and hold it against the readings as they came.
+    """Fit without the held-out blocks, and compare with the readings as they came.
 
-    `anew` starts from what was known before any data, as `calibrate.identify` does of a model as it is.
+    With `anew`, the fit starts from the priors before any data, as `calibrate.identify` does for the present model.
     """
     part = Bench([held_out(m) for m in bench.records], bench.settings)
     problem = Problem(f.map.problem.model, part.records, bench.beliefs)
@@ -416,7 +416,7 @@ def _explained(records: Sequence[Measured], base: MapFit, best: MapFit) -> float
 
 
 def _noise(records: Sequence[Measured], f: MapFit) -> float:
-    """Tell what the thermocouples alone would leave in the averaged readings, K."""
+    """Error, K, that the thermocouples' noise alone leaves in the averaged readings."""
     raw = sum(float(np.sum(m.sigma**2)) for m in records)
     count = sum(len(m.y) for m in records)
     return float(np.sqrt(raw / count / (count / sum(len(m.y) for m in f.problem.records))))
@@ -433,7 +433,7 @@ def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
 
 
 def probability(board: Board, name: str) -> float:
-    """Give the probability of an effect, in whatever company, among the hypotheses that are not refused."""
+    """Probability of an effect, with any other effects, among the hypotheses that are not refused."""
     accepted = board.accepted()
     weight = np.exp(np.array([h.score for h in accepted]) - accepted[0].score)
     has = np.array([name in h.names for h in accepted])

@@ -1,12 +1,12 @@
-r"""Noise of a model that is not the cell: white, plus a slow Ornstein–Uhlenbeck discrepancy.
+r"""Noise of a model that differs from the cell: white, plus a slow Ornstein–Uhlenbeck discrepancy.
 
 .. math::
     e_k = d_k + w_k, \qquad w_k \sim N(0, \sigma^2), \qquad \dot d = -d/\tau + v, \quad \operatorname{sd} d = s
 
-Whatever the thermocouple's noise, two nodes with constant coefficients follow a real cell to a few hundredths of a
-kelvin at best, and what they miss is slow. Taken for white noise it makes superfluous effects look certain. Size s and
-time constant τ are found for each hypothesis from its own marginal likelihood, on a grid: the innovations of the
-scalar Kalman filter and their variances, for all grid points at once.
+With any thermocouple, two nodes with constant coefficients follow a real cell to a few hundredths of a kelvin at best,
+and their error is slow. Treated as white noise, it makes superfluous effects look certain. Size s and time constant τ
+are found for each hypothesis from its own marginal likelihood, on a grid: the innovations of the scalar Kalman filter
+and their variances, for all grid points at once.
 
 References
 ----------
@@ -59,7 +59,7 @@ class Series:
     Attributes
     ----------
     rows : ndarray (K,) of int
-        Where they stand among the readings of all records.
+        Their indices among the readings of all records.
     gaps : ndarray (K − 1,), s
     sigma : float, K
     """
@@ -78,7 +78,7 @@ class Whitened:
         self.log_det = sum(float(np.sum(np.log(S))) for _, S, _, _ in self._filters)
 
     def __call__(self, x: Floats) -> Floats:
-        """Return innovations over their standard deviation; zero where a reading is not used."""
+        """Return innovations over their standard deviation; zero for readings that are not used."""
         columns = x.reshape(self._readings, -1)
         out = np.zeros(columns.shape)
         for rows, S, band, gain in self._filters:
@@ -93,12 +93,12 @@ class Whitened:
 
 
 class Noise:
-    """What a discrepancy makes of the readings of some records.
+    """Noise of the readings of some records with a discrepancy.
 
     Parameters
     ----------
     records : sequence of Measured
-        Held-out readings are left out.
+        Held-out readings are not included.
     """
 
     def __init__(self, records: Sequence[Measured]) -> None:
@@ -107,7 +107,7 @@ class Noise:
         self._known: dict[Discrepancy, Whitened] = {}
 
     def at(self, d: Discrepancy) -> Whitened:
-        """Whitening by one discrepancy; computed once."""
+        """Whitening by one discrepancy, computed once."""
         if d not in self._known:
             self._known[d] = Whitened(self._series, self._readings, d)
         return self._known[d]

@@ -1,7 +1,7 @@
 """Inlet and flow without their noise and without a lag.
 
-With a noisy or rounded input the best fit is a slower model, as if the coolant came late. A symmetric smoother
-therefore removes the noise first. The signal itself determines its width: white noise gives successive differences a
+With a noisy or rounded input, the best fit is a slower model, as if the coolant came late. Therefore a symmetric
+smoother first removes the noise. The signal itself determines its width: white noise gives successive differences a
 negative correlation, and real changes do not. Clean steps are not changed.
 """
 
@@ -26,19 +26,19 @@ COARSE = 0.2
 
 
 def smooth(t: Floats, x: Floats, *, coarsest: float = 0.0) -> Floats:
-    """Take noise and rounding off a slowly moving input.
+    """Remove noise and rounding from a slowly moving input.
 
     Parameters
     ----------
     t, x : ndarray (K,)
         Stamps, s, increasing, and readings; no NaN.
     coarsest : float
-        Largest step that may be the sensor's resolution; beyond it levels are taken for true.
+        Largest step that may be the sensor's resolution; larger steps count as real.
 
     Returns
     -------
     ndarray (K,)
-        At the same stamps; exactly `x` where there is no noise to be seen.
+        At the same stamps; exactly `x` if no noise is visible.
     """
     if len(x) < 2 * TREND or x.min() == x.max():
         return x
@@ -73,7 +73,7 @@ def _without_noise(x: Floats) -> Floats:
 
 
 def _convolved(x: Floats, bounds: Sequence[int], width: float) -> tuple[Floats, Floats]:
-    """Each piece under a kernel that keeps parabolas straight, and the weight of each reading in its own result."""
+    """Return each piece under a kernel that keeps parabolas, and the weight of each reading in its own result."""
     reach = int(np.ceil(4.0 * width))
     u = np.arange(-reach, reach + 1) / width
     kernel = 0.5 * (3.0 - u**2) * np.exp(-0.5 * u**2)
@@ -90,21 +90,21 @@ def _convolved(x: Floats, bounds: Sequence[int], width: float) -> tuple[Floats, 
 
 
 def _staircase(t: Floats, x: Floats, step: float) -> Floats:
-    """Draw the line that a staircase stands for: half-way where it moves by one step, level where it stays long.
+    """Draw the line behind a staircase: half-way where it moves by one step, constant where it stays long.
 
-    A change that no other in the same direction goes before or follows is a true step and stays one.
+    A change without another one in the same direction before or after it is a true step and is kept.
     """
     moves = np.flatnonzero(np.diff(x) != 0.0)
     change, rise = 0.5 * (t[moves] + t[moves + 1]), x[moves + 1] - x[moves]
     starts, ends = np.concatenate([t[:1], change]), np.concatenate([change, t[-1:]])
     level, length = x[np.concatenate([[0], moves + 1])], ends - starts
-    # half the time that a change takes: as long as the shorter stay between it and its like on either side
+    # half the duration of a change: as long as the shorter stay between it and its like on either side
     like = np.concatenate([[False], (rise[1:] * rise[:-1] > 0.0), [False]])
     stay = np.where(like, length, np.inf)
     half = 0.5 * np.minimum(stay[1:], stay[:-1])
     half = np.where(np.isfinite(half) & (np.abs(rise) < 1.5 * step), half, 0.0)
     half = np.minimum(half, 0.5 * np.minimum(length[1:], length[:-1]))
     nodes = np.concatenate([starts + np.concatenate([[0.0], half]), ends - np.concatenate([half, [0.0]])])
-    late = np.arange(len(nodes)) < len(level)  # where two runs meet in one instant, the earlier comes first
+    late = np.arange(len(nodes)) < len(level)  # if two runs meet in one instant, the earlier comes first
     order = np.lexsort((late, nodes))
     return np.asarray(np.interp(t, nodes[order], np.concatenate([level, level])[order]))

@@ -1,4 +1,4 @@
-"""Temperatures at their own stamps, as a model's trajectory between instants can be compared with them."""
+"""Temperatures at their own stamps, in the form for comparison with a model's trajectory between instants."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.grid import Grid
-from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.errors import counted
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.identify.sensor_noise import resolution, white_noise
 from bms_gateway.thermal import Floats
 
 JUMP_K = 2.5
-"""A reading that stands out of its neighbours by so much is a disturbance of the sensor: no surface moves so."""
+"""A reading that differs from its neighbours by this much is a disturbance of the sensor: no surface moves like
+this."""
 NEIGHBOURS = 2
 CROWDED = 1.5
-"""Readings per interval from which on they are condensed: a fit costs time per reading."""
+"""Readings per interval above which they are condensed: the time of a fit grows with the readings."""
 FEWEST = 3
-"""Readings without which a sensor says nothing, not even what its noise is."""
+"""Least number of readings of a sensor: with fewer, not even its noise is known."""
 NEAR = 2.5
-"""Usual spacings between two readings up to which a straight line gives the temperature at an instant between them."""
+"""Greatest distance of two readings, in usual spacings, for linear interpolation to an instant between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class Readings:
     sensor : ndarray of intp (M,)
         Index into `cells`; sensor by sensor, each in order of time.
     left : ndarray of intp (M,)
-        The last instant at or before the reading, but never the very last one.
+        The last instant at or before the reading, but never the last of all.
     share : ndarray (M,)
-        Model's value there = (1 − share) · x[left] + share · x[left + 1].
+        The model's value at the reading is (1 − share) · x[left] + share · x[left + 1].
     y : ndarray (M,)
         °C.
     """
@@ -53,7 +53,7 @@ class Readings:
         return np.asarray(instants[self.left] + self.share * (instants[self.left + 1] - instants[self.left]))
 
     def on_grid(self, instants: Floats, dt: float) -> Floats:
-        """Temperatures at the instants (N + 1, m), NaN where no reading is near."""
+        """Temperatures at the instants (N + 1, m); NaN if no reading is near."""
         t = self.at(instants)
         out = np.full((len(instants), len(self.cells)), np.nan)
         for j in range(len(self.cells)):
@@ -89,28 +89,22 @@ def gather_readings(
     columns : mapping of cell to ndarray (K,)
         °C, NaN where missing.
     wanted : sequence of int
-        Cells of interest; others are passed over, with a word.
+        Cells of interest; others are ignored.
     grid : Grid
     notes : list of str
-        Taken further.
+        Notes are appended.
     what : str
-        What the columns are called.
+        Name of the columns.
     """
     cells: list[int] = []
-    absent: list[int] = []
     parts = []
     for cell in wanted:
         none = np.full(len(t), np.nan)
         left, share, y = _of_one(t, columns.get(cell, none), grid, f"{what} of cell {cell}", notes)
         if len(y) < FEWEST:
-            absent.append(cell)
             continue
         parts.append((np.full(len(y), len(cells), np.intp), left, share, y))
         cells.append(cell)
-    if absent:
-        notes.append(f"No usable {what} temperature is there of cell {', '.join(map(str, absent))}.")
-    if spare := sorted(set(columns) - set(wanted)):
-        notes.append(f"Not among the sensors of the model, so not used: {what} of {cells_in_words(spare)}.")
     if not parts:
         nowhere = np.empty(0, np.intp)
         return Readings((), nowhere, nowhere, np.empty(0), np.empty(0))
@@ -119,7 +113,7 @@ def gather_readings(
 
 
 def _of_one(t: Floats, y: Floats, grid: Grid, name: str, notes: list[str]) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Take the readings of one sensor: believable ones, on the grid, not more than the grid can use."""
+    """Take the readings of one sensor: plausible ones, on the grid, not more than the grid can use."""
     low, high = INPUTS["surface"].plausible
     known = np.isfinite(y)
     wild = known & ~((y >= low) & (y <= high))
@@ -152,9 +146,9 @@ def _stands_out(y: Floats, limit: float) -> NDArray[np.bool_]:
 
 
 def _condense(t: Floats, y: Floats, left: NDArray[np.intp], step: float) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """One reading per interval: the mean of time and temperature, or where a sensor counts in steps, one of them.
+    """Return one reading per interval: the mean of time and temperature, or one reading if the sensor is coarse.
 
-    A mean of rounded readings lies within no step any more, and rounding errors do not average out.
+    A mean of rounded readings is on no step, and rounding errors do not average out.
     """
     first = np.flatnonzero(np.diff(left, prepend=-1) > 0)
     count = np.diff(np.append(first, len(left)))

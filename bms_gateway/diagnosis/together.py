@@ -1,13 +1,15 @@
-"""Cells that show the same share one sentence: which cells they are, their range, and how it goes along the coolant."""
+"""One sentence for cells with the same finding: which cells, their range, and the trend along the coolant."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from bms_gateway.errors import counted
+
 FEW = 4
-"""Least number of cells of which it means something that a number grows from cell to cell."""
+"""Least number of cells for a trend from cell to cell."""
 ALONG = 0.8
-"""Least rank correlation of a number with the place along the coolant for which it grows or falls."""
+"""Least rank correlation of a number with the position along the coolant for which it grows or falls."""
 
 
 def cells_in_words(cells: Sequence[int]) -> str:
@@ -21,8 +23,39 @@ def cells_in_words(cells: Sequence[int]) -> str:
     return f"cell {cells[0]}" if len(cells) == 1 else f"cells {runs(cells)}"
 
 
+def unused_sentence(cells: Sequence[int]) -> str:
+    """Say that a table has surfaces of cells at which the model has no sensor.
+
+    Examples
+    --------
+    >>> unused_sentence([5])
+    '1 temperature of the table is not used, because the model has no sensor there: cell 5.'
+    """
+    verb = "is" if len(cells) == 1 else "are"
+    said = f"{counted(len(cells), 'temperature')} of the table {verb} not used"
+    return f"{said}, because the model has no sensor there: {cells_in_words(cells)}."
+
+
+def unread_sentence(what: str, cells: Sequence[int]) -> str:
+    """Say that no temperature of some cells can be used.
+
+    Parameters
+    ----------
+    what : str
+        `surface` or `core`.
+    cells : sequence of int
+
+    Examples
+    --------
+    >>> unread_sentence("core", [2])
+    'The record has no usable core temperature of cell 2: there are no values, or impossible ones.'
+    """
+    which = cells_in_words(cells)
+    return f"The record has no usable {what} temperature of {which}: there are no values, or impossible ones."
+
+
 def runs(cells: Sequence[int]) -> str:
-    """Name the numbers of cells in order, neighbours from the third on as a stretch.
+    """List the numbers of cells in order; three or more neighbours become a range.
 
     Examples
     --------
@@ -39,7 +72,7 @@ def runs(cells: Sequence[int]) -> str:
 
 
 def span(values: Iterable[float], form: str = ".2g") -> str:
-    """Give the range of some values, or the one that they all have.
+    """Return the range of some values, or their common value.
 
     Examples
     --------
@@ -52,7 +85,7 @@ def span(values: Iterable[float], form: str = ".2g") -> str:
 
 
 def along(size: Mapping[int, float]) -> str:
-    """Say whether a size, by cell, grows or falls along the coolant; empty where it does neither or cells are few."""
+    """Say whether a size, by cell, grows or falls along the coolant; empty if it does neither or cells are few."""
     if len(size) < FEW:
         return ""
     place, rank = (np.argsort(np.argsort(x)) for x in (list(size), list(size.values())))

@@ -1,8 +1,8 @@
-"""What a search weighs an effect by: evidence, tempered, and what held-out readings say of it.
+"""Rules by which a search judges an effect: tempered evidence, and held-out readings.
 
-Evidence is compared over {nothing, each effect} with half of the prior on nothing, and tempered by how much the best
-hypothesis' residual is inflated by autocorrelation. Held-out readings are a gate, never a score: an effect must not be
-worse there, and must take its part of what is too much there.
+Evidence is compared over {nothing, each effect} with half of the prior on nothing. It is tempered by the inflation of
+the best hypothesis' residual by autocorrelation. Held-out readings are a gate, never a score: an effect must not
+increase their error, and must remove its share of their excess.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from bms_gateway.identify.map_fit import MapFit, stacked
 
 HALF = float(np.log(0.5))
 EXACT_K = 1e-3
-"""What the surfaces of a right model may be off for minutes, by its intervals and two nodes a cell: sixty thermocouples
-at 1 Hz resolve a millikelvin, and no such error is a missing effect."""
+"""Error of the surfaces of a right model over minutes, by its intervals and two nodes per cell: sixty thermocouples at
+1 Hz resolve a millikelvin, and such an error is no missing effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,38 +28,41 @@ class Settings:
     Attributes
     ----------
     refits, per_family : int
-        Candidates refitted per round, and of one effect among them.
+        Number of candidates refitted per round, and of candidates of one effect among them.
     first_odds, further_odds : float
-        Log-odds an effect needs: 3 is 20 to 1; further ones must earn more, for the first has been fitted to the rest.
+        Log-odds that an effect needs: 3 is 20 to 1; further effects need more, because the first one was fitted to the
+        rest.
     effects : int
-        Most effects that one search adds.
+        Greatest number of effects that one search adds.
     promise : float
-        Share of the gain an effect needs that the screening must promise before it is refitted: the score is linear,
-        and effects that are not do better than it says.
+        Share of the needed gain that the screening must promise before a refit: the score is linear, and nonlinear
+        effects gain more.
     excess, relief : float
-        With it the held-out mean square must lie within this share above the noise floor, or at this share of what it
-        had above it.
+        With the effect, the held-out mean square must be within the first share above the noise floor, or its excess
+        must fall to the second share.
     strong : float
-        z of the structure from which a biased optimum is a bad start: unless the best fit leaves no structure, the best
-        are fitted from nominal too.
+        z of the structure above which a biased optimum is a bad start: unless the best fit leaves no structure, the
+        best candidates are also fitted from nominal.
     restarts : int
-        How many of the best.
+        Number of these best candidates.
     far : float
-        Log-evidence behind the best from which, give or take ten times what the best gained by it, that is not tried.
+        Log-evidence behind the best above which a fit is not restarted; ten times the best one's gain is added.
     proof, sure : float
-        Log-likelihood that a further effect must gain on the held-out readings, at log-odds `sure`; half a unit less
-        for each that it has more, for a small effect's share of a third of the record is within chance.
+        Log-likelihood that a further effect must gain on held-out readings, at log-odds `sure`; half a unit less for
+        each additional log-odds, because a small effect's share of a third of the record is within chance.
     form, memory : float, s
-        Error of what effects move, a share of it, and how long it lasts: the lumped form of a strong one is no better.
+        Relative error of the response to effects, and its duration: the lumped form of a strong effect is not more
+        exact.
     left_open : float, K
-        What the readings may be off because the current is not known between its rows.
+        Possible error of the readings because the current is not known between its rows.
     white : float
-        z of the structure up to which a residual counts as white.
-    near, ways : float, int
-        Share of the first effect's log-odds from which another is tried in its place where structure is left, and how
-        many are.
+        Greatest z of the structure for which a residual counts as white.
+    ways : int
+        Number of other effects tried instead of the first one if structure is left.
     ahead : float
-        Log-odds from which an effect that fails the gates is kept on trial for one round.
+        Log-odds above which an effect that fails the gates is kept on trial for one round.
+    voltage : bool
+        Whether heat from the voltage is also offered instead of I²R_e: it gives the amount of heat, not its cause.
     """
 
     refits: int = 14
@@ -79,12 +82,12 @@ class Settings:
     memory: float = 300.0
     left_open: float = 0.0
     white: float = 6.0
-    near: float = 0.95
     ways: int = 2
     ahead: float = 15.0
+    voltage: bool = False
 
     def odds(self, number: int) -> float:
-        """Log-odds that the next effect needs where `number` were added before: each more must earn more."""
+        """Log-odds that the next effect needs after `number` additions: each one needs more."""
         return self.first_odds if number == 0 else self.further_odds * number
 
     def least_gain(self, number: int, odds: float) -> float:
@@ -97,20 +100,20 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One hypothesis of a round: the current model and one effect more.
+    """One hypothesis of a round: the current model with one more effect.
 
     Attributes
     ----------
     candidate : Candidate
     fit : MapFit
     log_odds : float
-        Against nothing more, tempered.
+        Against no further effect, tempered.
     share : float
         Posterior probability of its effect in the round.
     passed : bool
-        Whether evidence and held-out readings let it in.
+        Whether evidence and held-out readings accept it.
     why : str
-        Why not; empty where it passed.
+        Reason if not; empty if it passed.
     """
 
     candidate: Candidate
@@ -122,23 +125,35 @@ class Trial:
 
 
 def prior_odds(c: Candidate, offered: Sequence[Candidate]) -> float:
-    """Log prior probability of one candidate: half is on nothing, the rest even over effects, then over places."""
+    """Log prior probability of one candidate: half is on nothing, the rest divided over effects, then over places."""
     families = len({o.name for o in offered})
     return HALF - float(np.log(families * sum(o.name == c.name for o in offered)))
 
 
-def worth(less: MapFit, fit: MapFit, baseline: MapFit, inflation: float, s: Settings) -> float:
-    """Log evidence for what a fit has more than another, tempered.
+def inexact(fit: MapFit, baseline: MapFit, s: Settings) -> float:
+    """Variance of a sum over a model's inexactness, over that of the noise: it tempers the gain of one more effect.
 
-    The residual's autocorrelation tempers all of it. What effects that are there already move is right to a per cent
-    only, for minutes on end and at all sensors alike: readings that resolve that tell of the form of these effects, not
-    of one more. So do what a current leaves open between its rows, and what no model is exact to.
+    Parameters
+    ----------
+    fit, baseline : MapFit
+        With the effects that were found before, and without.
+    s : Settings
     """
     y, sigma, _, _, used = stacked(fit.problem)
     seconds = sum(m.drive.N * m.drive.dt for m in fit.problem.records)
-    moved = float(np.mean(((less.y - baseline.y) / sigma)[used] ** 2))
+    moved = float(np.mean(((fit.y - baseline.y) / sigma)[used] ** 2))
     unknown = s.form**2 * moved + (s.left_open**2 + EXACT_K**2) * float(np.mean(1.0 / sigma[used] ** 2))
-    form = len(y) / seconds * s.memory * unknown
+    return len(y) / seconds * s.memory * unknown
+
+
+def worth(less: MapFit, fit: MapFit, baseline: MapFit, inflation: float, s: Settings) -> float:
+    """Tempered log evidence for the additional effects of a fit over another fit.
+
+    The residual's autocorrelation tempers all of it. The response to present effects is right only to a per cent, for
+    minutes and at all sensors alike: readings that resolve this show the form of these effects, not one more effect.
+    The same holds for the unknown current between its rows, and for the inexactness of any model.
+    """
+    form, used = inexact(less, baseline, s), stacked(fit.problem)[4]
     read = max(log_density(fit, used) - log_density(less, used), 0.0)
     gain = (fit.log_evidence - less.log_evidence) / inflation
     return gain - read * (1.0 / inflation - 1.0 / (inflation + form))
@@ -152,19 +167,19 @@ def judge(
     s: Settings,
     number: int,
 ) -> list[Trial]:
-    """Weigh the fits of a round against each other and against nothing more.
+    """Compare the fits of a round with each other and with no further effect.
 
     Parameters
     ----------
     current, baseline : MapFit
-        Without them, and without all that was added.
+        Without them, and without all added effects.
     fits : sequence of Candidate and MapFit
-        The likeliest first: its residual tells the inflation.
+        The likeliest first: its residual gives the inflation.
     offered : sequence of Candidate
         All that could be added.
     s : Settings
     number : int
-        How many effects were added before.
+        Number of effects added before.
 
     Returns
     -------
@@ -182,7 +197,7 @@ def judge(
     for (c, fit), odd in zip(fits, odds, strict=True):
         why = _impossible(c, fit) or gate(current, fit, float(odd), inflation, s, number)
         trials.append(Trial(c, fit, float(odd), share[c.name], not why, why))
-    # by the probability of the effect, then of the place; the gates speak for the three most probable effects
+    # by the probability of the effect, then of the place; the gates apply to the three most probable effects
     trials.sort(key=lambda t: (-t.share, -t.log_odds))
     names = list(dict.fromkeys(t.candidate.name for t in trials))
     likely = {n for i, n in enumerate(names) if i < 3 and (i == 0 or share[n] >= 0.02)}
@@ -193,7 +208,7 @@ def judge(
 
 
 def _impossible(c: Candidate, fit: MapFit) -> str:
-    """Say by what a record rules out the size that an effect was fitted to; empty where it does not."""
+    """Say why a record rules out the fitted size of an effect; empty if it does not."""
     if c.name != "current_offset":
         return ""
     b = float(fit.theta[fit.problem.index(f"{c.key}.b")])
@@ -202,7 +217,7 @@ def _impossible(c: Candidate, fit: MapFit) -> str:
 
 
 def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Settings, number: int = 0) -> str:
-    """Say why evidence or held-out readings keep an effect out of a model; empty where they let it in.
+    """Say why evidence or held-out readings refuse an effect; empty if they accept it.
 
     Parameters
     ----------
@@ -214,7 +229,7 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
         Of the variance of a sum over the residual.
     s : Settings
     number : int
-        How many effects this search has added before.
+        Number of effects that this search has added before.
     """
     held = within(current)
     floor = float(np.mean(stacked(current.problem)[1][held] ** 2)) + s.left_open**2
@@ -234,8 +249,8 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
 def _needed(current: MapFit, fit: MapFit, odds: float, s: Settings, number: int) -> float:
     """Log-likelihood that an effect must gain on held-out readings.
 
-    Evidence may come from tolerances that need not be stretched any more: cells explained the readings as well, only
-    by numbers that nobody believes. That share has nothing to gain there.
+    Evidence may come from tolerances that are no longer strained: cells explained the readings equally well, but with
+    implausible numbers. This part gains nothing on held-out readings.
     """
     least = s.least_gain(number, odds)
     if number == 0:

@@ -1,12 +1,12 @@
-r"""Tests that can show a wrong core without a thermocouple in it, where the model explains the surface.
+r"""Tests that can show a wrong core without a thermocouple in it, although the model explains the surface.
 
 An error of the heat and an error of R_c or C_c can cancel in the surface. They do not cancel in other knowledge:
 
 * each number has a plausible range, from the data sheet or from the properties of lithium-ion cells;
-* R_c and the heat capacity follow from format and mass of the cell, where the model file states them;
+* R_c and the heat capacity follow from format and mass of the cell, if the model file states them;
 * all numbers together: the strain :math:`\sum ((\theta - \mu)/s)^2` over the directions that the record has determined
   is a χ² with as many degrees of freedom;
-* energy: energy that the terminals took in and did not store has become heat;
+* energy: energy that entered at the terminals and was not stored has become heat;
 * activation: the overpotential falls with temperature as the heat does;
 * the last part of the record is predicted from the first part;
 * other records of the same cells under other cooling have the same physics.
@@ -39,14 +39,15 @@ STRAINED = 0.05
 DISAGREE = 0.05
 """Records disagree if the probability of the distances between each record and all together is below this."""
 LEAST_MORE = 0.05
-"""Share of a variance that the other records must have taken away, for a difference to mean anything."""
+"""Share of a variance that the other records must have removed for a difference to be meaningful."""
 ENERGY = 0.35
-"""Share by which heat by temperature and by voltage may differ: heat capacities are known to 10 %, the open-circuit
-voltage under load to some millivolts, and both errors go into it."""
+"""Tolerance between heat by temperature and by voltage: heat capacities are known to 10 %, the open-circuit voltage
+under load to some millivolts, and both errors enter."""
 HEARD = 10.0
 """The core by the voltage's heat is considered if this heat explains the surface worse by at most these log-odds."""
 LOAD_S = 30.0
-"""s: time constant of the part of the overpotential that is slower than a step but not the open-circuit voltage."""
+"""s: time constant of the part of the overpotential that is slower than a step but faster than the open-circuit
+voltage."""
 APART = 0.3
 """Least share of the current that is not correlated with the charge."""
 WINDOW_S = 300.0
@@ -55,7 +56,7 @@ WINDOW_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Witness:
-    """What one of them says.
+    """Statement of one witness.
 
     Attributes
     ----------
@@ -63,9 +64,9 @@ class Witness:
     says : str
         One sentence.
     value, limit : float
-        The figure, and where it becomes an alarm.
+        The figure, and the limit of an alarm.
     alarm : bool
-        Whether it speaks against the core.
+        Whether it contradicts the core.
     """
 
     name: str
@@ -76,16 +77,16 @@ class Witness:
 
 
 def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float] | None) -> tuple[Witness, ...]:
-    """Ask all witnesses that one fit has.
+    """Ask all witnesses about one fit.
 
     Parameters
     ----------
     f : MapFit
-        The chosen model with its finest numbers, on averaged records.
+        The chosen model with its final numbers, on averaged records.
     records : sequence of Measured
         As given, not averaged.
     tail : float, float or None
-        RMSE of the last part without and with the chosen effects, K; None where none is chosen.
+        RMSE of the last part without and with the chosen effects, K; None if none is chosen.
     """
     found = [*implausible(f), *(Witness(f"format {o.name}", o.says, o.off, DOUBTED, True) for o in odd_fitted(f))]
     found.append(strain(f))
@@ -98,7 +99,7 @@ def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float] 
 
 
 def implausible(f: MapFit) -> list[Witness]:
-    """Numbers of a fit that are far from what is declared or usual; one that does not alarm is not named."""
+    """Numbers of a fit that are far from their declared or usual values; others are not named."""
     found = []
     for c, z in zip(f.problem.coordinates, f.theta.tolist(), strict=True):
         if c.name in ACTIVATION:
@@ -128,7 +129,7 @@ def _far(c: Coordinate, z: float) -> str:
 
 
 def strain(f: MapFit) -> Witness:
-    """All numbers together: how probable it is that they lie so far from what was known of them."""
+    """All numbers together: the probability of their distance from their priors."""
     square, freedom = strain_of(f)
     p = float(chdtrc(max(freedom, 1), square))
     text = (
@@ -139,7 +140,7 @@ def strain(f: MapFit) -> Witness:
 
 
 def strain_of(f: MapFit) -> tuple[float, int]:
-    """Square of the distance of all numbers of a fit from what was known of them, and its degrees of freedom."""
+    """Squared distance of all numbers of a fit from their priors, and its degrees of freedom."""
     keep = [i for i, c in enumerate(f.problem.coordinates) if c.record is None or not c.name.startswith("T_")]
     prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
     u = (f.theta[keep] - prior) / sd
@@ -152,10 +153,11 @@ def strain_of(f: MapFit) -> tuple[float, int]:
 
 
 def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:
-    r"""Whether each record alone says what all say together, in the numbers that they share.
+    r"""Whether each record alone agrees with all records together, in the numbers that they share.
 
-    A record alone is known to :math:`C_i`, all together to :math:`C`; if they are one physics, the difference of
-    the two estimates has the covariance :math:`C_i - C` (Hausman, Specification tests in econometrics, 1978).
+    A record alone determines them with covariance :math:`C_i`, all together with :math:`C`; for the same physics, the
+    difference of the two estimates has the covariance :math:`C_i - C` (Hausman, Specification tests in econometrics,
+    1978).
 
     Parameters
     ----------
@@ -200,7 +202,7 @@ def _tail(tail: tuple[float, float]) -> Witness:
 
 
 def heats(f: MapFit, r: int) -> Floats:
-    """Irreversible heat (N, n), W, along a fitted trajectory: the reversible part comes and goes with the charge."""
+    """Irreversible heat (N, n), W, along a fitted trajectory; the reversible part cancels over a charge cycle."""
     problem = f.problem
     v, _ = problem.numbers(r, f.theta)
     for e in problem.model.effects:
@@ -223,14 +225,14 @@ def heats(f: MapFit, r: int) -> Floats:
 def electric_heat(u: Drive) -> Floats | None:
     """Heat (N,) of one cell by its voltage, W: current times the gap from the open-circuit voltage.
 
-    The open-circuit voltage is what of the voltage follows the charge, beside what follows the current at once and
-    within half a minute. None where the voltage is not known over half of the record, or where the current hardly
-    moves about its trend: a discharge at one current does not tell the two apart.
+    The open-circuit voltage is the part of the voltage that follows the charge, besides the parts that follow the
+    current at once and within half a minute. None if the voltage is unknown over half of the record, or if the current
+    hardly differs from its trend: a discharge at one current does not separate the two.
     """
     known = np.isfinite(u.V) & np.isfinite(u.IV)
     if known.mean() < 0.5:
         return None
-    from scipy.signal import lfilter  # takes longer to load than all else: only who has a voltage pays
+    from scipy.signal import lfilter  # slow to load: only records with a voltage need it
 
     charge = np.cumsum(u.I) * u.dt / 3600.0
     a = float(np.exp(-u.dt / LOAD_S))
@@ -264,15 +266,15 @@ def energy(f: MapFit, r: int, m: Measured) -> Witness | None:
 
 
 def by_voltage(f: MapFit, other: MapFit, r: int, odds: float) -> Witness:
-    """Compare the cores of one record with those of a model whose heat is the voltage's.
+    """Compare the cores of one record with those of a model with the voltage's heat.
 
     Parameters
     ----------
     f, other : MapFit
-        The chosen model, and the model as it is with the heat of the voltage.
+        The chosen model, and the present model with the voltage's heat.
     r : int
     odds : float
-        Log evidence of the other over the chosen one: it is heard if it fits the surface about as well.
+        Log evidence of the other over the chosen one: it counts only if it fits the surface about as well.
     """
     n = f.problem.model.cells
     source = f.problem.records[r].source
@@ -287,7 +289,7 @@ def by_voltage(f: MapFit, other: MapFit, r: int, odds: float) -> Witness:
 
 
 def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
-    """Compare how losses fall with temperature by the surface's fit and by the voltage."""
+    """Compare the fall of the losses with temperature by the surface's fit and by the voltage."""
     q = electric_heat(m.drive)
     number = [i for i, c in enumerate(f.problem.coordinates) if c.name == "resistance_temperature.B"]
     if q is None or not number:

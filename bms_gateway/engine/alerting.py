@@ -39,7 +39,7 @@ class Alerting:
     Attributes
     ----------
     alerts : Alerts
-        What is raised now.
+        The present alerts.
     limits : Limits
     runaway : Runaway
     """
@@ -59,7 +59,7 @@ class Alerting:
         self._paused = False
 
     def wake(self, start_ns: int) -> None:
-        """Begin at the first tick, and again after each silence of the bus."""
+        """Start the grace time: at the first tick, and after each silence of the bus."""
         self.alerts.begin(start_ns / 1e9)
         for n in self._nearing:
             n.forget()
@@ -104,7 +104,7 @@ class Alerting:
         return told
 
     def step(self, t1: int, heard: int, *, silent: bool) -> list[Alerted]:
-        """Work out the alerts at the end of a tick.
+        """Update the alerts at the end of a tick.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Alerting:
         heard : int
             Stamp of the newest wanted frame, ns.
         silent : bool
-            Whether the bus falls asleep now: the next look follows only when it wakes.
+            Whether the bus falls asleep now: the next update then comes only when it wakes.
 
         Returns
         -------

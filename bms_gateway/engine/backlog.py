@@ -1,9 +1,9 @@
-"""Ticks of all strings of a group that identification has not taken in yet.
+"""Ticks of all strings of a group that the identifiers have not used yet.
 
-An identifier that gathers windows must look at a tick at once only if the tick is unusual or may end a window. Regular
-ticks may wait, and wait here in columns. A string takes all its waiting ticks at once: when their number reaches its
-limit, when its current or inlet is missing, or when something asks for its state. The result equals that of single
-ticks to the last bit.
+An identifier that collects windows needs a tick at once only if the tick is unusual or may end a window. Regular ticks
+may wait, and wait here in columns. A string takes all its waiting ticks at once: when their number reaches its limit,
+when its current or inlet is missing, or when its state is needed. The result equals that of single ticks to the last
+bit.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class GroupTick(NamedTuple):
     cells: Sequence[PairMeans | None]
 
     def of(self, j: int) -> Tick:
-        """Give the tick of string `j`."""
+        """Return the tick of string `j`."""
         square, heat, inlet = float(self.square[j]), float(self.heat[j]), float(self.inlet[j])
         return Tick(self.time_ns, self.dt, square, heat, inlet, self.surface[j], self.age[j], float(self.current[j]))
 
@@ -75,25 +75,25 @@ class Backlog:
     def __init__(self, strings: Sequence[StringEstimator], dt: float) -> None:
         self._strings, self._dt = strings, dt
         self._now = 0  # number of the next tick
-        # per string: number of the first tick that it has not taken in yet
+        # per string: number of the first tick that it has not used yet
         self._taken = np.zeros(len(strings), np.int64)
-        self._due = np.zeros(len(strings), np.int64)  # per string: number of the tick that it must see at once
+        self._due = np.zeros(len(strings), np.int64)  # per string: number of the tick that it needs at once
         self._next = self._least = 0  # the least of both
         self._blocks: list[_Block] = []
         self._single: list[GroupTick] = []  # the newest ticks, not in a block yet
 
     @property
     def kept(self) -> int:
-        """Number of ticks that are kept for strings which have not taken them in."""
+        """Number of ticks that are kept for strings that have not used them."""
         return sum(b.end - b.first for b in self._blocks) + len(self._single)
 
     def add(self, tick: GroupTick) -> list[tuple[int, Job]]:
-        """Take in a tick.
+        """Add a tick.
 
         Returns
         -------
         list of (int, Job)
-            Jobs that strings want computed, with the index of the string in the group.
+            Jobs of the strings, with the index of the string in the group.
         """
         usual: Bools = np.isfinite(tick.square + tick.inlet)
         if tick.flow is not None:
@@ -122,12 +122,12 @@ class Backlog:
         return jobs
 
     def catch_up(self, j: int) -> None:
-        """Let string `j` take in all its waiting ticks, and see the next tick at once: something about it changes."""
+        """Give string `j` all its waiting ticks, and the next tick at once, because something about it changes."""
         self._bring(j)
         self._due[j] = self._next = self._now
 
     def _bring(self, j: int) -> None:
-        """Hand string `j` the regular ticks that wait for it."""
+        """Give string `j` the regular ticks that wait for it."""
         since = int(self._taken[j])
         if since >= self._now:
             return
@@ -147,6 +147,6 @@ class Backlog:
         self._single = []
 
     def _forget(self) -> None:
-        """Drop the ticks that every string has taken in."""
+        """Delete the ticks that every string has used."""
         self._least = int(self._taken.min())
         self._blocks = [b for b in self._blocks if b.end > self._least]

@@ -1,8 +1,8 @@
-"""Pairs of a cell's voltage and the current at the same instant, gathered over a tick for all strings.
+"""Pairs of a cell's voltage and the current at the same instant, collected over a tick for all strings.
 
-Voltages of cells come in turns, once a second or slower, while the current moves many times between. A mean voltage and
-a mean current of a tick would therefore not belong together. A voltage and the current at the same instant do, and any
-choice of such instants is a fair sample of the drive.
+Voltages of cells come in turns, once a second or slower, while the current changes many times in between. A mean
+voltage and a mean current of a tick would therefore belong to different instants. A voltage and the current at the same
+instant belong together, and any choice of such instants is a fair sample of the drive.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ class CellVoltages:
         self._wires = [(current, cells) for current, cells in wires]
         self.inputs = sorted({int(i) for current, cells in wires if current >= 0 for i in cells if i >= 0})
         self._paired = {
-            # not by np.unique: it loads masked arrays first, a thirtieth of the start
+            # not by np.unique, which would load masked arrays: a thirtieth of the start time
             current: np.array(sorted({int(k) for i, c in wires if i == current for k in c if k >= 0}), np.intp)
             for current in sorted({i for i, c in wires if i >= 0 and (c >= 0).any()})
         }

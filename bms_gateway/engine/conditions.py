@@ -17,9 +17,9 @@ from bms_gateway.engine.string_estimator import StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Condition, Severity
 
-NAMED: Final = 6  # cells that a sentence names; more are counted
+NAMED: Final = 6  # cells that a sentence names; further cells are counted
 WATCH: Final = ("ageing",)
-"""Flags whose levels are watch, warning, alarm; those of the others are warning (suspected), alarm (confirmed)."""
+"""Flags with the levels watch, warning, alarm; the other flags have warning (suspected) and alarm (confirmed)."""
 REMEDIES: Final = {
     Quality.STALE: "check its sender and the wiring of the bus",
     Quality.OUT_OF_RANGE: "check the sensor, and scale and offset in the config",

@@ -1,6 +1,6 @@
-r"""A physical lower limit of core temperatures: no core is colder than its surface, coolant, neighbours and start.
+r"""A physical lower limit of core temperatures, from the cell's surface, coolant, neighbours and start.
 
-Losses warm a core, and otherwise it follows its surroundings. So it stays above the coldest of these:
+Losses warm a core; otherwise the core follows its surroundings. So it stays above the coldest of these:
 
 .. math::
     T_c \ge \min(T_{s,j}, T_f, \mathrm{start}) - R_c \max(0, u_r |I| - I^2 R_e) - \epsilon
@@ -23,11 +23,11 @@ from bms_gateway.thermal import Floats, StringModel
 REVERSIBLE_V: Final = 0.15
 MARGIN_K: Final = 0.5
 FOLLOWS_S: Final = 3600.0
-"""Several slow time constants of a cell: after this time a core has forgotten an earlier cold."""
+"""Several slow time constants of a cell: after this time an earlier cold has no influence on a core."""
 
 
 class Step(NamedTuple):
-    """Estimates of one step of S strings of n cells, and what drove them.
+    """Estimates of one step of S strings of n cells, and their inputs.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Floor:
     Attributes
     ----------
     R_c, R_e : ndarray (S, 1), K/W, Ω
-        Largest and smallest that the model file allows by one sd.
+        Largest R_c and smallest R_e within one sd of the model file.
     """
 
     R_c: Floats

@@ -1,13 +1,13 @@
 """The engine: frames and bus time in, estimates, frames and notices out. No I/O, no clock, no threads.
 
-**Ticks.** Estimation happens on the multiples of `plan.tick_ns` of bus time. Frames are only collected until a frame
-stamped at or after the deadline arrives (or a timer says that the deadline has passed with nothing more to come); then
-the whole interval [t0, t1) is decoded, guarded, integrated and estimated at once. That is why the result cannot depend
-on how frames were cut into batches, and why a full bus costs one numpy pass a second.
+**Ticks.** Estimation takes place at the multiples of `plan.tick_ns` of bus time. Frames are only collected until a
+frame stamped at or after the deadline arrives (or a timer says that the deadline has passed and nothing more comes).
+Then the whole interval [t0, t1) is decoded, guarded, integrated and estimated at once. Therefore the result cannot
+depend on how frames were cut into batches, and a full bus costs one numpy pass a second.
 
-**Silence.** When no wanted frame came for `plan.silent_after_ns`, the bus is taken for asleep: the last estimates go
-out, then nothing, and no timer is armed. The next frame wakes the engine, which carries its state over the gap in one
-step. A start from a stored state is the same thing: a gap between the snapshot and the first frame.
+**Silence.** If no wanted frame came for `plan.silent_after_ns`, the bus counts as asleep: the last estimates are sent,
+then nothing, and no timer is armed. The next frame wakes the engine, which carries its state over the gap in one step.
+A start from a stored state is treated alike: as a gap between the snapshot and the first frame.
 
 **Jobs.** Identification of a window takes tenths of a second. The engine hands it out as a job and applies its result
 at a fixed later bus time, so a live service and an inline replay change parameters at the same tick. The engine
@@ -45,7 +45,7 @@ from bms_gateway.health.alerts import Alerts
 JOB_DUE_TICKS = 30  # far longer than the fit of a window takes on a slow core, far shorter than a window
 GRACE_TICKS = 10  # after a start or a pause: a sensor that has sent nothing yet is not faulty; a fault lasts longer
 AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: a shorter stop cannot hide a change
-CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock that starts in 1970 and was not set yet
+CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp belongs to a clock that started in 1970 and was not set
 SNAPSHOT_VERSION = 1
 GOOD = np.uint8(Quality.GOOD)  # numpy's own type, because numpy compares it faster
 LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
@@ -60,7 +60,7 @@ class Engine:
     database : Database
         Ours and the user's, loaded.
     whole : bool
-        Whether to take in all channels of the plan, also those that no estimator uses; for a record.
+        Whether to use all channels of the plan, also those without an estimator; for a record.
 
     Attributes
     ----------
@@ -72,8 +72,10 @@ class Engine:
         Whether each tick's samples are wanted as `Decoded` events, for a record of recent signals.
     judging : bool
         Whether each tick's errors of the models are wanted as `Judged` events.
+    started_ns, woken_ns : int
+        Start of the first tick, and of the first one since the bus was last silent.
     inputs, estimators, alerting, broadcast : Inputs, Estimators, Alerting, Broadcast or None
-        The parts that a tick goes through, in this order; without `broadcast` nothing is sent.
+        The parts of a tick, in this order; without `broadcast` nothing is sent.
 
     Raises
     ------
@@ -94,8 +96,8 @@ class Engine:
         self._tick_end: int | None = None  # newest instant that is estimated; None before the first
         self._heard = 0  # newest wanted frame, bus time
         self._jobs = Jobs()
-        self._started = 0
-        self._woken = 0  # start of the first tick since the bus was silent
+        self.started_ns = 0
+        self.woken_ns = 0
         self._told = Counts(0, 0, 0, 0.0)
         self.frames = 0
         self.dropped = 0
@@ -115,7 +117,7 @@ class Engine:
 
     @property
     def wires(self) -> list[Wire]:
-        """Which inputs each string has, in the order of the plan; `Decoded` speaks of them by their index."""
+        """Inputs of each string, in the order of the plan; `Decoded` refers to them by their index."""
         return self.inputs.wires
 
     @property
@@ -140,7 +142,7 @@ class Engine:
 
     @property
     def strings(self) -> list[StringEstimator]:
-        """What is known of each string now, in the order of the plan; read-only."""
+        """Present results of each string, in the order of the plan; read-only."""
         return self.estimators.strings
 
     @property
@@ -170,7 +172,7 @@ class Engine:
 
     @property
     def alerts(self) -> Alerts:
-        """What is wrong with inputs and strings, as alerts; to be read only."""
+        """Alerts on inputs and strings; read-only."""
         return self.alerting.alerts
 
     @property
@@ -189,14 +191,14 @@ class Engine:
         return self.inputs.extremes
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
-        """Take the next frames of the bus; no content of a frame raises an exception.
+        """Use the next frames of the bus; no content of a frame raises an exception.
 
         Parameters
         ----------
         frames : FrameBatch
             In the order of the bus.
         now_ns : int
-            Bus time at which they were read; no stamp is later (one that claims so is taken as now).
+            Bus time at which they were read; a later stamp is replaced by it.
         """
         frames = self.inputs.wanted(frames)
         if len(frames) and frames.time_ns.max() > now_ns:
@@ -240,14 +242,14 @@ class Engine:
         return self._jobs.awaits(job_id)
 
     def finish(self, job_id: int, result: object) -> None:
-        """Hand in the result of a job; it takes effect at the job's due time, or at the next tick if that is over.
+        """Return the result of a job; it takes effect at the job's due time, or at the next tick if that has passed.
 
-        None gives the job back: it will not be computed.
+        None returns the job without a result: it will not be computed.
         """
         self._jobs.finish(job_id, result)
 
     def _work_off(self) -> None:
-        """Run every tick whose frames are all here; keep the frames of the open tick."""
+        """Run every tick whose frames are complete; keep the frames of the open tick."""
         batch, tick = FrameBatch.concat(self._pending), self._plan.tick_ns
         open_start = int(batch.time_ns[-1]) // tick * tick
         closed = int(np.searchsorted(batch.time_ns, open_start))
@@ -266,13 +268,13 @@ class Engine:
         self._pending = [batch[closed:]]
 
     def _wake(self, first_ns: int) -> None:
-        """Arm the timer for the tick that holds the first frame, and carry the state over the time since the last."""
+        """Arm the timer for the tick of the first frame, and carry the state over the time since the last tick."""
         tick = self._plan.tick_ns
         start = first_ns // tick * tick
         self._deadline, self._heard = start + tick, first_ns
-        self._started = self._started or start
+        self.started_ns = self.started_ns or start
         self.alerting.wake(start)
-        self._woken = start
+        self.woken_ns = start
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
             unseen = self._restored is not None and not 0 <= start - self._tick_end <= AT_ONCE_NS
@@ -295,7 +297,7 @@ class Engine:
         if self.recording:
             taken, good = self.inputs.good
             self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
-        if t1 - self._woken >= GRACE_TICKS * self._plan.tick_ns:
+        if t1 - self.woken_ns >= GRACE_TICKS * self._plan.tick_ns:
             self._queue.extend(self.inputs.changes(t1))
         if faults := self._clock.news(t1):
             self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))
@@ -337,13 +339,13 @@ class Engine:
             self.frames - self._told.frames,
             rejected - self._told.rejected,
             self.dropped,
-            (t1 - self._started) * 1e-9,
+            (t1 - self.started_ns) * 1e-9,
         )
         self._told = Counts(self.frames, rejected, self.dropped, 0.0)
         return counts
 
     def reset_baseline(self, string: str, cell: int | None, reason: str, *, time_ns: int) -> bool:
-        """Measure growth of R_e anew from now on: cells were replaced.
+        """Find a new baseline for the growth of R_e from now on: cells were replaced.
 
         Parameters
         ----------
@@ -411,24 +413,24 @@ class Engine:
         Parameters
         ----------
         state : mapping
-            Of `snapshot`.
+            From `snapshot`.
         sure : bool
             Whether its time is of the same clock as the coming frames, even if this clock starts in 1970.
 
         Raises
         ------
         StateError
-            The state cannot be used. The engine may be half filled then: throw it away and build a new one.
+            The state cannot be used. The engine may be partly restored: discard it and build a new one.
         """
         if state.get("version") != SNAPSHOT_VERSION:
             raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
         with fitting():
             left = self.estimators.restore(state["estimators"])
-            self.alerting.restore(state.get("alarms", {}))  # older states have no alarms
+            self.alerting.restore(state.get("alarms", {}))  # states of older versions have no alarms
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float
-            raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is none of a clock")
+            raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is not the time of any clock")
         self._restored = None if self._tick_end is None else sure
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

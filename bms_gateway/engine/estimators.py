@@ -14,12 +14,13 @@ from bms_gateway.engine.core_floor import Step
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
 from bms_gateway.engine.forecast import Forecasts
 from bms_gateway.engine.group import Group
-from bms_gateway.engine.observed import Driven, StringWithEffects, plain_strings
+from bms_gateway.engine.observed import Driven, StringWithEffects, kind_of, plain_strings
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.plausible import check_covariance, check_numbers, check_parameters, check_temperatures
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.string_estimator import Newest, StringEstimator, unproven
 from bms_gateway.engine.wiring import Wire
+from bms_gateway.errors import OtherStatesError
 from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
@@ -33,15 +34,15 @@ from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.observe.unseen import RESTED_S
 from bms_gateway.thermal import Floats
 
-NOT_AVAILABLE = np.uint8(Quality.NOT_AVAILABLE)  # of numpy's own type, which it compares faster
+NOT_AVAILABLE = np.uint8(Quality.NOT_AVAILABLE)  # numpy's own type, which numpy compares faster
 ABOVE_K = 0.3
-"""K, three times the noise of a thermocouple: a good reading that exceeds the hottest point by more takes its place."""
+"""K, three times the noise of a thermocouple: a good reading replaces the hottest point if it exceeds it by more."""
 ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time
 
 
 @dataclass(slots=True)
 class TickResult:
-    """Results of a tick beside the estimates: events, and jobs with the string that they belong to."""
+    """Results of a tick besides the estimates: events, and jobs with their string."""
 
     events: list[Event] = field(default_factory=list)
     jobs: list[tuple[int, Job]] = field(default_factory=list)
@@ -63,9 +64,9 @@ class Estimators:
     groups : list of Group
         Strings that are computed together.
     mismatches : Mismatches
-        How well each string's readings follow its model.
+        Agreement of each string's readings with its model.
     newest : Newest
-        What is known of all cells at the newest tick.
+        Results for all cells at the newest tick.
     """
 
     def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
@@ -81,7 +82,7 @@ class Estimators:
         ]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
         self.groups: list[Group] = []
-        kinds = {i: (self.strings[i].plan.model.cells, self.strings[i].plan.of_several) for i in plain}
+        kinds = {i: kind_of(self.strings[i].plan) for i in plain}
         for kind in sorted(set(kinds.values())):
             members = [i for i in plain if kinds[i] == kind]
             stacked = plain_strings(self.strings, members, self._dt, plan.disturbance)
@@ -150,7 +151,7 @@ class Estimators:
         jobs: list[tuple[int, Job]],
         found: list[tuple[int, Finding]],
     ) -> Floats:
-        """Advance a group; return how well each of its strings followed its model.
+        """Advance a group; return the agreement of each of its strings with its model.
 
         Jobs of the group are added to `jobs`, findings of the watch over heat to `found`.
         """
@@ -172,7 +173,7 @@ class Estimators:
             given = group.observed.by_cell(driven.heat)
             tick = HeatTick(driven.square, given, I, driven.inlet, y, age, driven.flow)
             core, core_sd = self._watched(group, t1, tick, (core, core_sd), found)
-            if core is not e.core:  # the thermocouple may err, or the cell may heat by itself: the warmer value counts
+            if core is not e.core:  # sensor fault, or heat of the cell: the warmer value counts
                 known = np.isfinite(e.core_sd)
                 more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
                 centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more)
@@ -215,7 +216,7 @@ class Estimators:
         cores: tuple[Floats, Floats],
         found: list[tuple[int, Finding]],
     ) -> tuple[Floats, Floats]:
-        """Pass a tick to the watch over heat, and take its cores if it believes in a fault: they are better then."""
+        """Give a tick to the watch over heat, and use its cores if it has accepted a fault: they are then better."""
         assert group.watch is not None  # noqa: S101 - who calls has looked
         watch = group.watch
         new = watch.add(t1, tick)
@@ -232,7 +233,7 @@ class Estimators:
         return watch.cores(*cores)
 
     def _discharges(self, readings: Readings, t1: int) -> Iterator[tuple[int, Change]]:
-        """Let the strings with voltages of single cells look for cells that discharge themselves."""
+        """Check strings with voltages of single cells for self-discharge."""
         for i, s in enumerate(self.strings):
             if s.health.self_discharge is None:
                 continue
@@ -243,7 +244,7 @@ class Estimators:
                 yield i, change
 
     def errors(self) -> tuple[Floats, Floats]:
-        """Give errors of readings (N,) at the newest tick and their expected sd, K; NaN without a reading."""
+        """Return errors of readings (N,) at the newest tick and their expected sd, K; NaN without a reading."""
         value, sd = np.full((2, len(self.newest.core)), nan)
         for group in self.groups:
             if group.errors is not None:
@@ -302,7 +303,7 @@ class Estimators:
         return events
 
     def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
-        """Carry all over a time without frames (None: of unknown length); `unseen`: current may have flowed."""
+        """Carry all strings over a time without frames (None: of unknown length); `unseen`: current may have flowed."""
         self._gap_s = RESTED_S if gap_s is None else gap_s
         self.forecasts.forget()
         for group in self.groups:
@@ -356,7 +357,7 @@ class Estimators:
                 continue
             s.identifier.restore(stored["identifier"])
             check_parameters(s.plan.name, s.identifier.posterior())
-            if "health" in stored:  # older states have no memory of the health
+            if "health" in stored:  # states of older versions have no health
                 s.health.restore(stored["health"])
             if s.cells is not None and stored.get("cells") is not None:
                 s.cells.restore(stored["cells"])
@@ -364,12 +365,11 @@ class Estimators:
             same.add(s.plan.name)
         self.forecasts.restore(state.get("forecasts"), same)
         observers = {tuple(o["strings"]): o["state"] for o in state["observers"]}
-        heats = {tuple(o["strings"]): o.get("heat") for o in state["observers"]}  # older states have none
+        heats = {tuple(o["strings"]): o.get("heat") for o in state["observers"]}  # states of older versions have none
         cold: set[str] = set()
         for g in self.groups:
             names = self._names(g)
-            if tuple(names) in observers and same.issuperset(names):
-                g.observed.observer.restore(observers[tuple(names)])
+            if tuple(names) in observers and same.issuperset(names) and _taken_up(g, observers[tuple(names)]):
                 seen = g.observed.observer
                 for name, P, numbers in zip(names, seen.covariances, seen.parameters, strict=True):
                     check_numbers(name, numbers)
@@ -389,7 +389,7 @@ class Estimators:
         ]
 
     def place(self, string: int) -> tuple[Group, int]:
-        """Find a string's group, and its place there."""
+        """Return a string's group, and its place there."""
         group = next(g for g in self.groups if string in g.members)
         return group, group.members.index(string)
 
@@ -397,8 +397,17 @@ class Estimators:
         return [s.plan.name for s in group.strings]
 
 
+def _taken_up(group: Group, state: Mapping[str, Any]) -> bool:
+    """Restore an observer from its stored state; return False for a state of another form: it then starts anew."""
+    try:
+        group.observed.observer.restore(state)
+    except OtherStatesError:
+        return False
+    return True
+
+
 def _found(f: Finding, string: str, now: int) -> Notice:
-    """Make the notices of what the watch over heat has found, or no longer finds."""
+    """Make the notice of a finding of the watch over heat that is new or has ended."""
     return Notice(now, Level.WARNING if f.level else Level.NOTICE, f.code, f.text, string, f.cell)
 
 
@@ -420,7 +429,7 @@ def _proven(s: StringEstimator, doubted: bool, now: int) -> list[Event]:
 
 
 def _commissioned(s: StringEstimator, now: int) -> list[Event]:
-    """Give the health the identified numbers as its baseline as soon as they are known."""
+    """Give the identified numbers to the health as its baseline as soon as they are known."""
     R_e = next(e for e in s.estimates if e.name == "R_e")
     p = s.identifier.posterior()
     if not s.health.offer(p.names, p.mean, p.cov, R_e.value, R_e.status == IDENTIFIED):
@@ -431,7 +440,7 @@ def _commissioned(s: StringEstimator, now: int) -> list[Event]:
 
 
 def fingerprint(plan: StringPlan) -> str:
-    """Give a digest of what a stored state must agree with: the model file and the method."""
+    """Digest of what a stored state must agree with: the model file and the method."""
     m = plan.model
     priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}
     text = repr((m.cells, m.sensors, m.condition, m.coolant, m.flow, priors, plan.identify))

@@ -1,7 +1,7 @@
 """The engine's vocabulary: read this first.
 
-What goes in: `FrameBatch` (frames) and the bus time. What comes out, in one ordered queue: the events below. Two
-drivers that feed the same frames get the same events in the same order, however the frames were cut into batches.
+Inputs: `FrameBatch` (frames) and the bus time. Outputs, in one ordered queue: the events below. Two drivers that give
+the engine the same frames get the same events in the same order, however the frames were cut into batches.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,16 +30,16 @@ class Level(IntEnum):
 
 
 class Job(Protocol):
-    """Heavy identification: a pure function of what it holds, so it may run in a thread, later, or inline."""
+    """Heavy identification: a pure function of its data, so it may run in a thread, later, or inline."""
 
     def run(self) -> object:
-        """Compute; never touches the engine."""
+        """Compute the result without using the engine."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class SendFrames:
-    """Frames of our node to put on the bus; stamped with the deadline that made them."""
+    """Frames of our node for the bus, stamped with the deadline that made them."""
 
     time_ns: int
     batch: FrameBatch
@@ -47,7 +47,7 @@ class SendFrames:
 
 @dataclass(frozen=True, slots=True)
 class StartJob:
-    """Work to do outside: `engine.finish(job_id, job.run())`, before bus time `due_ns` if possible.
+    """Work for outside the engine: `engine.finish(job_id, job.run())`, before bus time `due_ns` if possible.
 
     The result takes effect at `due_ns`, however early it comes, so a live service and an inline replay give the same
     estimates. A later result takes effect when it comes.
@@ -90,7 +90,7 @@ class Estimated:
     centre, centre_sd : ndarray (N,), °C, K
         Hottest point of each cell (`thermal.centre`), never below core or surface; NaN where the core is.
     heat, heat_sd : ndarray (N,), W
-        Heat of the cell that no current makes; NaN where no sensor tells of it.
+        Heat of the cell that no current makes; NaN if no sensor shows it.
     """
 
     time_ns: int
@@ -128,7 +128,7 @@ class Parameters:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that a person should know, in one sentence.
+    """A message for a person, in one sentence.
 
     Attributes
     ----------
@@ -137,6 +137,8 @@ class Notice:
     string : str or None
     cell : int or None
         1-based.
+    part : str
+        Distinguishes several matters of one code, as in `Condition`: of a sensor, its quantity.
     """
 
     time_ns: int
@@ -145,11 +147,12 @@ class Notice:
     text: str
     string: str | None = None
     cell: int | None = None
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Alerted:
-    """An alert was raised, has changed, or is over."""
+    """An alert was raised, has changed, or has ended."""
 
     time_ns: int
     change: Change

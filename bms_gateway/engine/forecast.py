@@ -1,10 +1,10 @@
-"""What comes next, every ten seconds of bus time: temperatures ahead, the time to the limit, the permitted current.
+"""Forecasts every ten seconds of bus time: temperatures ahead, the time to the limit, the permitted current.
 
-A forecast starts from what the engine holds at that tick: the observer's state and covariance, its parameters and how
-far off these may be, the common heat; the cores of the watch over heat where it knows better, and the heat that it has
-found in a cell; what is doubted of the model. The load is the present one (`load_ahead`), or a constant current that
-the user names. Temperatures are computed every ten seconds. Their variances change slowly and take most of the time;
-they are computed once a minute.
+A forecast starts from the engine's state at that tick: the observer's state and covariance, its parameters with their
+uncertainty, and the common heat; the cores of the watch over heat if they are better, and the heat that it has found in
+a cell; the doubts about the model. The load is the present one (`load_ahead`), or a constant current given by the user.
+Temperatures are computed every ten seconds. Their variances change slowly and take most of the time; they are computed
+once a minute.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 STEP_NS: Final = round(STEP_S * 1e9)
 DOUBTFUL: Final = np.uint8(Quality.DOUBTFUL)
 ANEW: Final = 6  # number of steps after which the variances are computed again
-LIMITED: Final = (0, 1, 3)  # horizons for which currents are told: 10 s, 1 min, 10 min
+LIMITED: Final = (0, 1, 3)  # horizons with permitted currents: 10 s, 1 min, 10 min
 MOST_A: Final = 6400.0  # largest current that the signal can hold; no string carries more
 NEVER_S: Final = float("inf")
 
@@ -71,7 +71,7 @@ class Forecasts:
     Attributes
     ----------
     wanted : bool
-        Whether the starting states of the forecasts are given as `Foreseen`, to compare the forecasts with what came.
+        Whether the starting states of the forecasts are given as `Foreseen`, for comparison with the measurements.
     """
 
     def __init__(self, groups: "Sequence[Group]", strings: "Sequence[StringEstimator]", limit_C: float) -> None:
@@ -84,7 +84,7 @@ class Forecasts:
         self.wanted = False
 
     def forget(self) -> None:
-        """Begin anew after a time without frames."""
+        """Start again after a time without frames."""
         self._means.clear()
         self._heat.clear()
         self._load.forget()
@@ -98,12 +98,12 @@ class Forecasts:
         return {"strings": [s.plan.name for s in self._all], "load": self._load.snapshot()}
 
     def restore(self, state: Mapping[str, Any] | None, same: "set[str]") -> None:
-        """Restore the memory of past loads from a snapshot of the same strings; older states have none.
+        """Restore the memory of past loads from a snapshot of the same strings; states of older versions have none.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none.
+            `state` is not such a snapshot.
         """
         if (
             state is not None
@@ -113,7 +113,7 @@ class Forecasts:
             self._load.restore(state["load"])
 
     def take(self, readings: "Readings", t1: int) -> Foreseen | None:
-        """Take in a tick that ends at `t1`, ns; every ten seconds look ahead.
+        """Include a tick that ends at `t1`, ns; make a forecast every ten seconds.
 
         Returns
         -------
@@ -172,7 +172,7 @@ class Forecasts:
         return Origin(tuple(group.members), w.outlook, s, coming) if self.wanted else None
 
     def _coming(self, group: "Group", s: Standing, inlet_sd: Floats) -> Coming:
-        """Collect what is known of the time ahead beside the observer's state."""
+        """Collect the assumptions about the time ahead, besides the observer's state."""
         S, n = len(group.members), group.cells
         heat, heat_sd, shift, shift_sd = np.zeros((4, S, n))
         watch = group.watch
@@ -231,7 +231,7 @@ class Forecasts:
 
 
 def _between() -> Floats:
-    """Weights (K + 1, H) of what is known at the horizons for the instants of the path, straight between them."""
+    """Weights (K + 1, H) for linear interpolation from the horizons to the instants of the path."""
     ends, eye = np.array(HORIZONS_S), np.eye(len(HORIZONS_S))
     return np.stack([np.interp(PATH_S, ends, row) for row in eye], axis=1)
 

@@ -65,13 +65,13 @@ class Forecast:
 
     @property
     def first(self) -> int | None:
-        """Cell (from 0) that reaches the limit first; None where none does within ten minutes."""
+        """Cell (from 0) that reaches the limit first; None if none does within ten minutes."""
         k = int(np.argmin(self.limit_s))
         return k if np.isfinite(self.limit_s[k]) else None
 
     @property
     def peak(self) -> float:
-        """The hottest of all points within ten minutes, °C; NaN where nothing is known."""
+        """The hottest of all points within ten minutes, °C; NaN if nothing is known."""
         return float(np.fmax.reduce(self.course, axis=None))
 
     def approach(self) -> Approach | None:
@@ -92,13 +92,13 @@ class Forecast:
 
     @property
     def hottest(self) -> int | None:
-        """Cell (from 0) with the hottest point in ten minutes; None where nothing is known."""
+        """Cell (from 0) with the hottest point in ten minutes; None if nothing is known."""
         last = self.centre[-1]
         return None if np.isnan(last).all() else int(np.nanargmax(last))
 
 
 class LooksAhead(Protocol):
-    """Whatever forecasts the strings of a group."""
+    """A forecaster for the strings of a group."""
 
     def ahead(self, s: Standing, coming: Coming, known: Certainty | None = None) -> Ahead:
         """Forecast from the present state; `known` are the variances of a recent forecast."""

@@ -1,4 +1,4 @@
-"""Strings that one observer follows together, and what is computed for all of them at once."""
+"""Strings with a common observer, and what is computed for all of them at once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ T = TypeVar("T", bound=np.generic)
 
 @dataclass(slots=True)
 class Group:
-    """Strings with equal numbers of cells and the observer that stacks them, or one string with effects and its own.
+    """Strings with equal numbers of cells and their stacked observer, or one string with effects and its observer.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Group:
     unknown : ndarray (S,)
         NaN for each string: value of a quantity that none of them has.
     doubt : ndarray (S, 1) or None
-        Share of core minus surface that may be wrong in addition to the observer's band; None if it is zero.
+        Additional share of core minus surface that may be wrong beyond the observer's band; None if it is zero.
     watch : HeatWatch or None
         Watch over heat that no current makes; None if a string has no sensor that belongs to one cell.
     errors : Errors or None
@@ -108,7 +108,7 @@ class Group:
             self.watch.set_parameters(j, self.observed.observer.parameters[j])
 
     def resume(self, heat: Mapping[str, Any] | None) -> None:
-        """Restore the watch over heat from its stored state, if there is one, beside a restored observer."""
+        """Restore the watch over heat from its stored state, if there is one, along with a restored observer."""
         for j in range(len(self.members)):
             self.reveal(j)
         if self.watch is not None and heat is not None:
@@ -140,7 +140,7 @@ class Group:
         return np.where(worse, current[:, None], own)
 
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Quality (S, n), `doubtful` for strings whose cores are not proven and for `cold` cores."""
+        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for `cold` cores."""
         doubted = [bool(s.doubts) for s in self.strings]
         if cold is None and not any(doubted):
             return quality

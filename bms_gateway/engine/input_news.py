@@ -1,4 +1,4 @@
-"""News of the inputs: which have become good, or are no longer good, which are wrong, which never came."""
+"""Changes of the inputs: which have become good, are no longer good, are wrong, or never came."""
 
 from collections.abc import Mapping
 
@@ -13,8 +13,8 @@ from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.quality import Quality
 
 UNHEARD_NS = 10_000_000_000
-"""An input is missed after this time at the earliest: longest period of most messages of a battery."""
-GOOD = int(Quality.GOOD)  # numpy takes many times longer to compare with a member of an enumeration
+"""Least time after which an input counts as missed: longest period of most messages of a battery."""
+GOOD = int(Quality.GOOD)  # comparing with a member of an enumeration takes numpy many times longer
 
 
 class InputNews:
@@ -26,22 +26,22 @@ class InputNews:
     meters : mapping
         Comparisons of each current with its voltage, by the inputs of both.
     due_ns : ndarray (C,)
-        Time within which each input comes.
+        Time within which each input must come.
 
     Attributes
     ----------
     quality : ndarray of uint8 (C,)
-        `Quality` of each input now.
+        Present `Quality` of each input.
     heard : ndarray of bool (C,)
-        Whether a sample of it ever came.
+        Whether a sample of each ever came.
     waited_ns : int
-        For how long the inputs have been read.
+        Time for which the inputs have been read.
     """
 
     def __init__(self, wiring: Wiring, meters: Mapping[tuple[int, int], Ammeter], due_ns: NDArray[np.int64]) -> None:
         self._wiring, self._meters = wiring, meters
         self._missed_after_ns = np.maximum(due_ns, UNHEARD_NS)
-        self._missed = np.zeros(len(wiring.channels), np.bool_)  # and told
+        self._missed = np.zeros(len(wiring.channels), np.bool_)  # and reported
         self.waited_ns = 0
         self.quality: NDArray[np.uint8] = np.full(len(wiring.channels), Quality.NEVER, np.uint8)
         self._told = self.quality.copy()
@@ -81,25 +81,25 @@ class InputNews:
         c, (string, cell) = self._wiring.channels[i], self._wiring.names[i]
         what = c.quantity.replace("_", " ") + (f" of cell {cell}" if cell is not None else "")
         if now == Quality.GOOD:
-            return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell)
+            return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell, c.quantity)
         why = REASONS[now]
         if c.quantity == "current" and now == Quality.STUCK:
             stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
             why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
-        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell)
+        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell, c.quantity)
 
     def compared(self) -> list[tuple[str, Channel, Ammeter]]:
-        """List the currents that a voltage checks: the string that first names each, its channel, the comparison."""
+        """List the currents that a voltage checks: the first string with each, its channel, the comparison."""
         return [(self._wiring.names[i][0], self._wiring.channels[i], meter) for (i, _), meter in self._meters.items()]
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """List inputs once received and not good now: the string that first names each, its channel, its quality."""
+        """List inputs that came and are not good now: the first string with each, its channel, its quality."""
         wiring = self._wiring
         bad = set(np.flatnonzero((self.quality != GOOD) & (self.quality != Quality.NEVER)).tolist()) - wiring.spare
         return [(wiring.names[i][0], wiring.channels[i], Quality(int(self.quality[i]))) for i in sorted(bad)]
 
     def unheard(self) -> dict[str, str]:
-        """List the inputs of which no sample ever came, by string, as text."""
+        """List the inputs without any sample, by string, as text."""
         return self._named(~self.heard)
 
     def missed(self) -> dict[str, str]:
@@ -107,7 +107,7 @@ class InputNews:
         return self._named(~self.heard & (self.waited_ns >= self._missed_after_ns))
 
     def newly_missed(self) -> dict[str, str]:
-        """List those of `missed` that are so since the last call."""
+        """List those of `missed` that are new since the last call."""
         new = ~self.heard & (self.waited_ns >= self._missed_after_ns) & ~self._missed
         self._missed |= new
         return self._named(new)

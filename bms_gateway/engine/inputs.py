@@ -1,4 +1,4 @@
-"""From decoded samples to the inputs of the estimators at a tick: guarded, scaled, aligned in time."""
+"""From decoded samples to the inputs of the estimators at a tick: guarded, scaled, at the same instant."""
 
 from math import nan
 
@@ -20,16 +20,16 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
+from bms_gateway.frames.freshness import ROUNDS
 from bms_gateway.frames.guard import QUALITIES, Guard, GuardResult
 from bms_gateway.frames.j1939 import Senders
 from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from bms_gateway.frames.signal_info import Switch
-from bms_gateway.frames.turns import ROUNDS
 from bms_gateway.thermal import Floats
 
-# plain integers: numpy takes many times longer to compare with a member of an enumeration
+# plain integers: comparing with a member of an enumeration takes numpy many times longer
 GOOD, ESTIMATED, OUT_OF_RANGE = int(Quality.GOOD), int(Quality.ESTIMATED), int(Quality.OUT_OF_RANGE)
 NOT_AVAILABLE, ERROR = int(Quality.NOT_AVAILABLE), int(Quality.ERROR)
 _NOTHING = (
@@ -50,7 +50,7 @@ class Inputs:
     database : Database
         Ours and the user's.
     whole : bool
-        Whether to take in all channels of the plan, for a record: also those of which no estimator makes anything.
+        Whether to use all channels of the plan, for a record: also those without an estimator.
 
     Attributes
     ----------
@@ -65,8 +65,8 @@ class Inputs:
     counts : ndarray of int64 (C, 16)
         Samples of each input so far, by `Quality`.
     extremes : ndarray (2, C)
-        Least and greatest value of each input so far, used or refused, in the DBC's unit, without what its sender calls
-        no measurement; ±inf before the first.
+        Least and greatest value of each input so far, used or refused, in the DBC's unit, without values that mean "not
+        available" or "error"; ±inf before the first.
     """
 
     def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
@@ -99,11 +99,11 @@ class Inputs:
         self.counts = np.zeros((len(signals), QUALITIES), np.int64)
         self.extremes = np.array([[np.inf], [-np.inf]]).repeat(len(signals), axis=1)
         self.rejected: dict[str, int] = {}
-        # stamps of the collected frames that give no sample, by reason
+        # stamps of the collected frames without a sample, by reason
         self._passed_over = {UNKNOWN_MUX: np.empty(0, np.int64), REPEATED: np.empty(0, np.int64)}
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
-        """Keep the frames that carry an input; other frames do not count as activity of the battery."""
+        """Keep the frames that carry an input; other frames are no activity of the battery."""
         frames = self.senders.named(frames)
         at = self.can_ids.searchsorted(frames.can_id)
         keep = (self.can_ids.take(at, mode="clip") == frames.can_id).nonzero()[0]
@@ -117,7 +117,7 @@ class Inputs:
         )
 
     def decode(self, frames: FrameBatch) -> Samples:
-        """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
+        """Decode all inputs of the next frames; alive counters are checked, so each frame must come once, in order."""
         s = decode(self._table, frames)
         flag, repeated = self._counters.follow(s)
         measured = (flag != NOT_AVAILABLE) & (flag != ERROR)
@@ -131,14 +131,14 @@ class Inputs:
         return samples if not len(repeated) else samples.where(~np.isin(s.frame, repeated))
 
     def update(self, samples: Samples, t0: int, t1: int, expected: Floats | None = None) -> Readings:
-        """Take the samples of one tick [t0, t1); return the readings of the strings, in the order of the plan.
+        """Use the samples of one tick [t0, t1); return the readings of the strings, in the order of the plan.
 
         Parameters
         ----------
         samples : Samples
         t0, t1 : int
         expected : ndarray (N,), optional
-            Last surfaces of the model, °C; they decide which of several cells a reading belongs to.
+            Last surfaces of the model, °C; they decide to which of several cells a reading belongs.
         """
         self._news.heard[samples.input] = True
         self._news.waited_ns += t1 - t0
@@ -183,7 +183,7 @@ class Inputs:
     def _assign(
         self, g: GuardResult, into: tuple[Floats, Floats, NDArray[np.uint8]], expected: Floats | None, t0: int, t1: int
     ) -> Assigned:
-        """Put the readings of some cell among several `into` surfaces, ages and qualities (N,); tell where."""
+        """Put readings of one of several cells `into` surfaces, ages and qualities (N,); return where."""
         y, age, own = into
         source, said = np.zeros(len(y), np.int8), np.full(len(y), nan)
         for one in self._wiring.several:
@@ -196,7 +196,7 @@ class Inputs:
         return source, said
 
     def raw(self) -> Raw:
-        """Give the newest tick's surfaces and cells' voltages as they were decoded."""
+        """Return the newest tick's surfaces and cell voltages as decoded."""
         s, n = self.good[0], len(self._wiring.channels)
         value, time_s = np.full((2, n + 1), nan)  # one more at the end, for index −1: a channel that does not exist
         told = (s.flag == GOOD) | (s.flag == OUT_OF_RANGE)
@@ -209,7 +209,7 @@ class Inputs:
         )
 
     def stale_s(self) -> Floats:
-        """Return the age at which each cell's surface is stale, s; without a sensor the longest of its string."""
+        """Age, s, at which each cell's surface is stale; for a cell without a sensor, the longest of its string."""
         at = self._places
         stale = np.array([r.stale_after_ns / 1e9 for r in self._guard.rules] + [0.0])
         own = np.where(at.sensed, stale.take(at.surface), 0.0)
@@ -225,29 +225,29 @@ class Inputs:
         return self._news.changes(t1)
 
     def compared(self) -> list[tuple[str, Channel, Ammeter]]:
-        """List the currents that a voltage checks: the string that first names each, its channel, the comparison."""
+        """List the currents that a voltage checks: the first string with each, its channel, the comparison."""
         return self._news.compared()
 
     def ammeter(self, wire: Wire) -> Ammeter | None:
-        """Give the comparison of a string's current with its voltage; None where it lacks one of them."""
+        """Return the comparison of a string's current with its voltage; None if it lacks one of them."""
         return self._integrals.meters.get((wire.current, wire.voltage))
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """List inputs once received and not good now: the string that first names each, its channel, its quality."""
+        """List inputs that came and are not good now: the first string with each, its channel, its quality."""
         return self._news.faults()
 
     def unheard(self) -> dict[str, str]:
-        """List the inputs of which no sample ever came, by string, as text."""
+        """List the inputs without any sample, by string, as text."""
         return self._news.unheard()
 
     def missed(self) -> dict[str, str]:
-        """List the inputs of which no sample ever came although one should have, by string, as text."""
+        """List the inputs that should have had a sample by now and had none, by string, as text."""
         return self._news.missed()
 
     def newly_missed(self) -> dict[str, str]:
-        """List those of `missed` that are so since the last call."""
+        """List those of `missed` that are new since the last call."""
         return self._news.newly_missed()
 
     def forget(self) -> None:
-        """Forget what is no longer valid after a gap: the last current and the slope of the inlet."""
+        """Discard what is no longer valid after a gap: the last current and the slope of the inlet."""
         self._integrals.forget()

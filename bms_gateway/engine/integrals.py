@@ -1,4 +1,4 @@
-"""Inputs that are followed sample by sample: currents with their voltages, inlets, voltages of cells."""
+"""Inputs that are computed from every sample: currents with their voltages, inlets, voltages of cells."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
-GOOD = int(Quality.GOOD)  # numpy takes many times longer to compare with a member of an enumeration
+GOOD = int(Quality.GOOD)  # comparing with a member of an enumeration takes numpy many times longer
 ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 
@@ -39,7 +39,7 @@ class Integrals:
     active : bool
         Whether current flowed in the last tick.
     refused : int
-        Samples of the last tick at which a current stands while its voltage moves.
+        Number of samples of the last tick at a value at which the current stands while its voltage moves.
     """
 
     def __init__(self, wires: Sequence[Wire], steps: Sequence[float]) -> None:
@@ -58,7 +58,7 @@ class Integrals:
     def update(
         self, samples: Samples, quality: NDArray[np.uint8], channel_quality: NDArray[np.uint8], t0: int, t1: int
     ) -> tuple[list[Means], list[PairMeans | None]]:
-        """Take the good samples of a tick [t0, t1); return the means of `pairs`, and of cells' voltages by string.
+        """Use the good samples of a tick [t0, t1); return the means of `pairs`, and of cells' voltages by string.
 
         If a voltage contradicts a current, `quality` and `channel_quality` of the current are changed.
         """
@@ -92,7 +92,8 @@ class Integrals:
     def _credible(self, i: int, meter: Ammeter, run: Run, channel_quality: NDArray[np.uint8]) -> Run:
         """Refuse the value at which a current stands while the voltage moves."""
         time_ns, value = run
-        # readings between the refused values are still used, but the sensor counts as failed until it has proven
+        # readings between the refused values are still used, but the sensor counts as failed until it proves that it
+        # works
         # otherwise
         channel_quality[i] = Quality.STUCK
         keep = ~np.isin(value, meter.stands_at)
@@ -100,7 +101,7 @@ class Integrals:
         return time_ns[keep], value[keep]
 
     def forget(self) -> None:
-        """Forget what is no longer valid after a gap: the last current and the slope of the inlet."""
+        """Discard what is no longer valid after a gap: the last current and the slope of the inlet."""
         for current in self._currents.values():
             current.forget()
         for meter in self.meters.values():

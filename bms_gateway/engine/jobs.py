@@ -1,4 +1,4 @@
-"""Jobs that the engine has handed out: their results take effect at a fixed later bus time, whoever computes them."""
+"""Jobs given out by the engine: a result takes effect at a fixed later bus time, whoever computes it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from bms_gateway.engine.events import Job, StartJob
 
 @dataclass(slots=True)
 class _Running:
-    """A job handed out."""
+    """A job that is given out."""
 
     string: int
     due_ns: int
@@ -25,14 +25,14 @@ class Jobs:
         self._next = 1
 
     def hand_out(self, string: int, job: Job, now_ns: int, due_ns: int) -> StartJob:
-        """Give a job of a string its number, and make its event."""
+        """Give a job of a string its number; return its event."""
         event = StartJob(now_ns, self._next, due_ns, job)
         self._running[self._next] = _Running(string, due_ns, job)
         self._next += 1
         return event
 
     def take(self, job_id: int) -> None:
-        """Note that somebody has taken a job and will hand in its result."""
+        """Note that somebody has taken a job and will return its result."""
         if self.awaits(job_id):
             self._running[job_id].taken = True
 
@@ -41,13 +41,13 @@ class Jobs:
         return job_id in self._running
 
     def finish(self, job_id: int, result: object) -> None:
-        """Keep a result until it is due; None gives the job back."""
+        """Keep a result until it is due; None returns the job without a result."""
         if self.awaits(job_id):
             running = self._running[job_id]
             running.result, running.taken = result, result is not None
 
     def results(self, now_ns: int) -> Iterator[tuple[int, object]]:
-        """Yield strings and results that are due, in the order of the jobs; one that nobody took is computed here."""
+        """Yield strings and results that are due, in the order of the jobs; a job that nobody took runs here."""
         due = [i for i, r in self._running.items() if r.due_ns <= now_ns and (r.result is not None or not r.taken)]
         for job_id in due:
             running = self._running.pop(job_id)

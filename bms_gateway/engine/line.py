@@ -1,7 +1,7 @@
 """A slow input at the instant of a tick: the value of the straight line through its last readings.
 
 A reading is up to a second old at the tick. Used directly, a moving coolant inlet would be late by half a second on
-average, and identification would take this delay as heat capacity. The line also halves the noise of single readings.
+average, and identification would mistake this delay for heat capacity. The line also halves the noise of readings.
 """
 
 from math import nan

@@ -1,7 +1,7 @@
 """Forecast of the load and the inlet of strings: the present values, with the errors that such forecasts had so far.
 
-A current that has been *steady* for twenty seconds is expected to stay constant. Any other current is expected to go
-on with the mean square of the last minutes. For each horizon, the errors of such forecasts of load and inlet are
+A current that has been *steady* for twenty seconds is expected to stay constant. For any other current, the mean square
+of the last minutes is expected to continue. For each horizon, the errors of such forecasts of load and inlet are
 averaged over an hour. So no model of drives is needed, and a vehicle that charges for hours gets a narrow band.
 """
 
@@ -31,7 +31,7 @@ PRIOR_LOAD = 1.0
 PRIOR_INLET_K = 0.5
 """Assumed change of the inlet in ten minutes, K."""
 HEAT_S = 600.0
-"""Mean of the heat that voltages tell per square of the current."""
+"""Time constant of the mean heat from voltages per square of the current."""
 MOST: Final = 1e15
 """A⁴: more than the square of any mean square current."""
 LEAST_KNOWN = 0.5
@@ -39,7 +39,7 @@ LEAST_KNOWN = 0.5
 
 
 class Load:
-    """Guesses for S strings.
+    """Forecasts of the load of S strings.
 
     Attributes
     ----------
@@ -64,13 +64,13 @@ class Load:
         self._past: list[tuple[Floats, Floats, Floats]] = []  # forecasts, inlets and squared currents of the last steps
 
     def forget(self) -> None:
-        """Begin again after a time without frames; the errors of earlier forecasts are kept."""
+        """Start again after a time without frames; the errors of earlier forecasts are kept."""
         self._past.clear()
         self._before[:] = np.nan
         self._slow[:], self._mean[:] = np.nan, np.nan
 
     def take(self, means: Floats, inlet: Floats, heat: Sequence[Floats] = ()) -> Load10:
-        """Take in a step.
+        """Include a step.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Load:
         self.heat_per_square = np.divide(made, squares, out=np.full(len(made), np.nan), where=squares > LEAST_A2)
 
     def _learn(self, now: Floats) -> None:
-        """Compare what came with the earlier forecasts."""
+        """Compare the earlier forecasts with the present values."""
         self._past.append((self.square, self.inlet, now))
         if len(self._past) > ENDS[-1] + 1:
             del self._past[0]
@@ -127,13 +127,13 @@ class Load:
             self._strayed[h] += share * np.nan_to_num(np.square(self.inlet - inlet) - self._strayed[h])
 
     def square_sd(self) -> Floats:
-        """Give the expected errors (H, S) of the forecast loads, A²; those of drives before any error was observed."""
+        """Return the expected errors (H, S) of the forecast loads, A²; those of usual drives at the start."""
         left = PRIOR_STEPS / (self._weight + PRIOR_STEPS)
         first = np.square(PRIOR_LOAD * np.nan_to_num(self.square))
         return np.asarray(np.sqrt(self._error + left[:, None] * first), dtype=np.float64)
 
     def inlet_sd(self) -> Floats:
-        """Give the expected change (H, S) of the inlets from now on, K."""
+        """Return the expected change (H, S) of the inlets from now on, K."""
         left = PRIOR_STEPS / (self._weight + PRIOR_STEPS)
         first = PRIOR_INLET_K**2 * np.array(HORIZONS_S) / HORIZONS_S[-1]
         return np.asarray(np.sqrt(self._strayed + (left * first)[:, None]), dtype=np.float64)
@@ -148,7 +148,7 @@ class Load:
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none.
+            `state` is not such a snapshot.
         """
         taken = {name: like(state[name], getattr(self, f"_{name}")) for name in _KEPT}
         if not all((np.isfinite(a) & (np.abs(a) < MOST)).all() for a in taken.values()):

@@ -1,12 +1,14 @@
-"""The observer of a group of strings: the inputs that it gets, and what it gives to the identifiers."""
+"""The observer of a group of strings: its inputs, and its outputs for the identifiers."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 import numpy as np
 
 from bms_gateway.engine.forecast_result import LooksAhead
+from bms_gateway.engine.plan import StringPlan
 from bms_gateway.engine.readings import Assigned, Readings
 from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.health.heat.heat_watch import Share
@@ -17,15 +19,20 @@ from bms_gateway.observe.contract import Observer
 from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.measured import SOC_UNKNOWN
 from bms_gateway.observe.outlook import Outlook
-from bms_gateway.thermal import Disturbance, Floats
+from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 if TYPE_CHECKING:
     from bms_gateway.health.heat.effect_share import EffectShare
     from bms_gateway.observe.effect_observer import EffectObserver
 
 
+COOLING_OVER_HEAT: Final = 2.0
+"""Ratio of the cells' scatter in cooling to that in heat, where only the range of their surfaces is read. Cooling
+differs from place to place by tens of per cent, the heat of matched cells by a few."""
+
+
 class Driven(NamedTuple):
-    """What drove S strings over one tick.
+    """Inputs of S strings over one tick.
 
     Attributes
     ----------
@@ -45,7 +52,7 @@ class Driven(NamedTuple):
 
 
 class Observed(Protocol):
-    """An observer with what the engine must know to drive it."""
+    """An observer with the methods by which the engine drives it."""
 
     @property
     def observer(self) -> Observer:
@@ -54,22 +61,23 @@ class Observed(Protocol):
 
     @property
     def shares(self) -> Sequence[Share]:
-        """What the watch over heat must take off the readings of each string; none where its balances hold."""
+        """Effects to subtract from each string's readings for the watch over heat; none if its balances hold."""
         ...
 
     def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:
-        """Advance one tick; of the readings of all strings, y (S, n) are its surfaces, °C, `age` (S, n) s old.
+        """Advance one tick with the surfaces y (S, n), °C, of these strings, which are `age` (S, n) s old.
 
-        `of` tells which of these (S, n) are of some cell among several.
+        `readings` holds the readings of all strings. `of` marks the surfaces (S, n) that are the greatest, least or
+        mean of several cells.
         """
         ...
 
     def by_cell(self, heat: Floats) -> Floats | None:
-        """Heat of each cell (S, n), W, by that of one cell (S,); None where the observer has a heat of its own."""
+        """Heat of each cell (S, n), W, from the mean heat of a cell (S,); None if the observer computes it."""
         ...
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
-        """Mean square current, A², and inlet, °C (S,), that make two plain nodes do what the last step did."""
+        """Mean square current, A², and inlet, °C (S,), with which two plain nodes give the result of the last step."""
         ...
 
     def looks_ahead(self) -> LooksAhead:
@@ -85,7 +93,7 @@ class PlainStrings:
     by_voltage: bool
 
     def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol
-        """Take the tick in."""
+        """Use the tick."""
         if of is not None:
             self.observer.surprise.assign(*of)
         return self.observer.step(driven.square, self.by_cell(driven.heat), driven.inlet, y, age, driven.flow)
@@ -96,7 +104,7 @@ class PlainStrings:
         return ()
 
     def by_cell(self, heat: Floats) -> Floats | None:
-        """Share a string's heat among its cells by their R_e."""
+        """Divide a string's heat among its cells by their R_e."""
         return heat[:, None] * self.observer.share if self.by_voltage else None
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
@@ -104,7 +112,7 @@ class PlainStrings:
         return driven.square, driven.inlet
 
     def looks_ahead(self) -> LooksAhead:
-        """Look ahead by two nodes a cell."""
+        """Forecast with two nodes per cell."""
         return Outlook()
 
 
@@ -133,7 +141,7 @@ class StringWithEffects:
         return cls(observer, s, number, share)
 
     def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol
-        """Take the tick in."""
+        """Use the tick."""
         m = self.string.measured(readings[self.number])
         if self.share is not None:
             self.share.add(m)
@@ -150,15 +158,20 @@ class StringWithEffects:
         """Return none: the heat from the voltage is an effect of the model (`voltage_heat`)."""
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
-        """Return what its effects come to."""
+        """Return the equivalents of its effects."""
         effective, shift = self.observer.effective
         return np.where(np.isnan(driven.square), np.nan, effective), driven.inlet + shift
 
     def looks_ahead(self) -> LooksAhead:
-        """Look ahead by the full physics."""
+        """Forecast with the full physics."""
         from bms_gateway.observe.outlook_effects import EffectOutlook  # with the catalogue
 
         return EffectOutlook()
+
+
+def kind_of(plan: StringPlan) -> tuple[int, bool, bool]:
+    """Kind of a plain string; strings of the same kind can be stacked."""
+    return plan.model.cells, plan.of_several, plan.spread_read
 
 
 def plain_strings(
@@ -167,8 +180,27 @@ def plain_strings(
     """Stack the strings numbered `members`, with the stored numbers of their cells."""
     mine = [strings[i] for i in members]
     several = any(s.plan.of_several for s in mine)
-    observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance, several=several)
+    if any(s.plan.spread_read for s in mine):
+        disturbance = replace(disturbance, cooling_cell=COOLING_OVER_HEAT * disturbance.heat_cell)
+    models = [_never_learnt(s.plan.model) if s.plan.of_several else s.plan.model for s in mine]
+    observer = AdaptiveObserver(models, dt, disturbance, several=several)
     for j, s in enumerate(mine):
         if s.kept is not None:
             observer.set_parameters(j, s.kept.values, s.kept.names, s.kept.common, s.kept.own)
     return PlainStrings(observer, any(s.voltage is not None for s in mine))
+
+
+def _never_learnt(model: StringModel) -> StringModel:
+    """Widen the uncertainty of R_e and R_c to that of their upper sides, if no fit will determine them.
+
+    The observer's band is linear in logarithms. Two sd s of a logarithm are a factor exp(2s), so the number is larger
+    by exp(2s) − 1: 2.3 and not 1.2 for s = 0.6. If windows reduce s, the difference soon vanishes.
+    """
+    if model.posterior is not None:
+        return model
+    wide = {
+        name: replace(p, rel_sd=(math.exp(2.0 * p.rel_sd) - 1.0) / 2.0)
+        for name, p in model.priors.items()
+        if name in ("R_e", "R_c")
+    }
+    return replace(model, priors={**model.priors, **wide})

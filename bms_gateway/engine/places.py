@@ -25,7 +25,7 @@ class Places:
     sensed : ndarray of bool (N,)
         Which cells have a surface.
     parts : tuple of slice
-        Each string's of the N cells.
+        The cells of each string among the N cells.
     current : ndarray of intp (S,)
     means : ndarray of intp (S,)
         Number of each string's pair of current and voltage.
@@ -61,7 +61,7 @@ class Places:
         )
 
     def slow(self, known: Floats) -> Mapping[Quantity, Floats]:
-        """Give the slow inputs (S,) from the value of each input, NaN for those that are not good and at the end."""
+        """Return the slow inputs (S,) from the value of each input; NaN if not good, and at the end."""
         value = known.take(self._slow)
         value = np.where((self._slow < 0) | (self._unheard & np.isnan(value)), self._constant, value)
         return dict(zip(SLOW, value, strict=True))

@@ -1,4 +1,4 @@
-"""Everything the engine is told before the first frame: frozen, checked, free of files and clocks."""
+"""Everything that the engine is told before the first frame: frozen, checked, without files and clocks."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -13,7 +13,7 @@ Statistic = Literal["max", "min", "mean"]
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One measured quantity of one string and where on the bus it comes from.
+    """One measured quantity of one string, and its source on the bus.
 
     Attributes
     ----------
@@ -23,12 +23,12 @@ class Channel:
     signal : str or None
         "Message.Signal" of a loaded DBC, or None for a constant.
     constant : float or None
-        Used where the bus has none (SI, °C).
+        Used if the bus does not carry the quantity (SI, °C).
     statistic : {"max", "min", "mean"} or None
         For a surface: the reading is the greatest, least or mean surface of the cells `among` (1-based), not that of
         one certain cell.
     scale, offset : float
-        Quantity = scale · decoded value + offset; brings the DBC's unit to SI and mends a log that is wrong about it.
+        Quantity = scale · decoded value + offset; converts the DBC's unit to SI and corrects wrong units in a log.
     """
 
     quantity: Quantity
@@ -61,10 +61,15 @@ class StringPlan:
         """Whether a reading belongs to one of several cells, so that the model must say to which."""
         return any(c.among for c in self.channels)
 
+    @property
+    def spread_read(self) -> bool:
+        """Whether readings, some of them of several cells, show that cells differ, but not why."""
+        return self.of_several and sum(c.quantity == "surface" for c in self.channels) > 1
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The whole gateway.
+    """Everything for the whole gateway.
 
     Attributes
     ----------

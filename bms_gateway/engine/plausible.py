@@ -16,13 +16,13 @@ from bms_gateway.observe import Estimate as States
 from bms_gateway.thermal import KINDS, Floats, StringParameters
 
 LOWEST_C, HIGHEST_C = -60.0, 200.0
-"""Limits wider than what cells survive and what the guard accepts, with room for a core above its surface."""
+"""Limits wider than what cells survive and what the guard accepts, with a margin for a core above its surface."""
 WIDEST_SD_K = 200.0
-"""Greatest standard deviation; a string of which nothing is known starts with 22 K."""
+"""Greatest standard deviation; an unknown string starts with 22 K."""
 WIDEST_LN_SD = 5.0
-"""A parameter that is known to a factor of 150 is not known at all; the sd of priors is far smaller."""
+"""A parameter known only to a factor of 150 is not known at all; the sd of priors is far smaller."""
 PAST_BOUND = 1.0
-"""ln: a posterior may exceed a bound, but not by a factor of e."""
+"""ln: margin of a posterior beyond a bound, less than a factor of e."""
 NEGATIVE = -1e-6
 """Rounding may make the smallest eigenvalue of a covariance negative by this share of the largest one."""
 
@@ -84,7 +84,10 @@ def check_covariance(name: str, what: str, P: Floats) -> None:
     size = float(np.abs(P).max(initial=0.0))
     sound = bool(np.isfinite(P).all()) and float(np.abs(P - P.T).max(initial=0.0)) <= 1e-6 * size
     if not sound or float(np.linalg.eigvalsh(P).min(initial=0.0)) < NEGATIVE * size:
-        raise StateError(f"stored state: {name}: the covariance of its {what} is none: a variance in it is negative")
+        raise StateError(
+            f"stored state: {name}: the matrix of its {what} is no covariance: it is not symmetric, or has a negative "
+            "variance"
+        )
 
 
 def check_numbers(name: str, p: StringParameters) -> None:

@@ -17,8 +17,8 @@ from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 Assigned = tuple[NDArray[np.int8], Floats]
-"""Of readings of some cell among several, at the cell that each is taken for: number of the kind among `STATISTICS`,
-from 1, and what was said, °C; 0 and NaN at the others."""
+"""For readings of one of several cells, at the cell assigned to each: number of the kind among `STATISTICS`, from 1,
+and the reading, °C; 0 and NaN at the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,14 @@ class Reading:
         Of current and voltage over the tick.
     current_quality : int
     slow : mapping of Quantity to float
-        The inputs `SLOW` at the tick: coolant inlet, °C; flow, m³/s; state of charge, 0…1. NaN where unknown, and where
-        no estimator of the string takes the input in.
+        The inputs `SLOW` at the tick: coolant inlet, °C; flow, m³/s; state of charge, 0…1. NaN if unknown, and if no
+        estimator of the string uses the input.
     y, age : ndarray (n,)
-        Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
+        Surface readings, °C, NaN without a new good one; seconds between reading and tick.
     quality : ndarray of uint8 (n,)
         Of the surface sensors; `Quality.ESTIMATED` for cells without one.
     cells : PairMeans or None
-        Voltages of the cells with the current at their instants; None where there were none.
+        Voltages of the cells with the current at their instants; None without voltages.
     """
 
     means: Means
@@ -89,11 +89,11 @@ class Readings:
     y, age : ndarray (N,)
     quality : ndarray of uint8 (N,)
     parts : tuple of slice
-        Each string's of the N cells.
+        The cells of each string among the N cells.
     cells : list of PairMeans or None
         One per string; empty if no string has voltages of its cells.
     several : tuple of ndarray (N,) or None
-        Which readings are of some cell among several; None where no string has such.
+        Which readings belong to one of several cells; None if no string has such readings.
     """
 
     means: Floats
@@ -112,7 +112,7 @@ class Readings:
         return self.slow["coolant_inlet"]
 
     def seen(self, quality: np.uint8) -> NDArray[np.bool_]:
-        """Tell which strings (S,) have a surface of such a quality."""
+        """Return which strings (S,) have a surface of such a quality."""
         found = np.logical_or.reduceat(self.quality == quality, [part.start for part in self.parts])
         return np.asarray(found, dtype=np.bool_)
 

@@ -32,7 +32,7 @@ RIGHT_SIGN: Final = "current and voltage move against each other again, as they 
 
 
 def unused(rejected: Mapping[str, int]) -> dict[str, int]:
-    """Put words in place of the keys of the counters of samples that are not used, the most frequent reason first.
+    """Replace the keys of the counters of samples that are not used by words, the most frequent reason first.
 
     Examples
     --------

@@ -39,11 +39,11 @@ class Raw:
     Attributes
     ----------
     value, time_s : ndarray (N,)
-        Newest surface as decoded, °C, and its stamp, s; NaN where none came.
+        Newest surface as decoded, °C, and its stamp, s; NaN if none came.
     invalid : ndarray of bool (N,)
         Cells for which the sender has sent "not available" or "error".
     volt : ndarray (N,)
-        Newest voltage of the cell, V; NaN where none came.
+        Newest voltage of the cell, V; NaN if none came.
     """
 
     value: Floats

@@ -1,4 +1,4 @@
-"""Bus time: one line of time that only goes forward, whatever the time stamps of the frames do.
+"""Bus time: one line of time that only goes forward, for any time stamps of the frames.
 
 Stamps come from a wall clock. They repeat, arrive slightly out of order, step back when the clock is set, and single
 stamps are absurd. The rules apply frame by frame, so that the result does not depend on how frames were cut into
@@ -9,7 +9,7 @@ batches:
 * more than `AHEAD_NS` ahead: the frame is held until the next one. If the next frame follows it, the bus was silent (or
   the clock was set forward), and both are taken. If the next frame continues where the others were, the stamp was
   absurd, and its frame is dropped;
-* ahead by more than `LONGEST_NS` from the first, which two clocks in one log reach in turns: absurd, too.
+* more than `LONGEST_NS` ahead of the first, which two clocks in one log can reach in turns: absurd, too.
 """
 
 from collections import deque
@@ -26,14 +26,14 @@ LONGEST_NS = 9_100_000_000_000_000_000  # 288 years; times and their differences
 
 @dataclass(slots=True)
 class Clock:
-    """The state of this line of time; see the module's text.
+    """The state of bus time; see the module's text.
 
     Attributes
     ----------
     first_ns : int
-        First time given out.
+        First time returned.
     last_ns : int or None
-        Newest time given out.
+        Newest time returned.
     shift_ns : int
         Added to raw stamps since the clock was set back.
     reordered, set_back, absurd : int
@@ -51,7 +51,7 @@ class Clock:
     _news: deque[tuple[int, str]] = field(default_factory=deque)
 
     def straighten(self, frames: FrameBatch) -> FrameBatch:
-        """Put a batch onto the line.
+        """Convert the stamps of a batch to bus time.
 
         Parameters
         ----------
@@ -61,8 +61,8 @@ class Clock:
         Returns
         -------
         FrameBatch
-            Frames with non-decreasing times, never below earlier ones. A frame held from before may lead, and the last
-            may be held.
+            Frames with non-decreasing times, never below earlier ones. A frame held from before may come first, and the
+            last may be held.
         """
         if self._held is not None:
             frames = FrameBatch.concat([self._held, frames])
@@ -93,7 +93,7 @@ class Clock:
         return said
 
     def _one_by_one(self, frames: FrameBatch) -> FrameBatch:
-        """Apply the rules to a batch in which something is odd."""
+        """Apply the rules to a batch with unusual stamps."""
         raw = frames.time_ns.tolist()
         keep: list[int] = []
         times: list[int] = []

@@ -1,9 +1,9 @@
 """Readings that are the greatest, least or mean surface of several cells: the cell to which a reading belongs.
 
-A bus with only such readings tells how warm *some* cell is. The greatest is assigned to the cell that the model
-considers the hottest, the least to the coldest. A mean is compared with the mean of the model, by the cell that is
-nearest to it. So each reading is a measurement of one surface, chosen again at every tick. Where the cells differ, this
-is the derivative of max, min and mean; where they do not differ, the choice does not matter.
+A bus with only such readings shows how warm *some* cell is. The greatest is assigned to the cell that the model
+considers the hottest, the least to the coldest. A mean is compared with the mean of the model, at the cell that is
+nearest to it. So each reading is a measurement of one surface, chosen again at every tick. If the cells differ, this is
+the derivative of max, min and mean; if they do not differ, the choice does not matter.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ def statistic_of(kind: Statistic, surfaces: Sequence[Floats] | Floats) -> Floats
 
 
 def stand_in(kind: Statistic, cells: Sequence[int]) -> int:
-    """Choose the cell that a reading of several cells is assigned to if no model says how the cells differ.
+    """Choose the cell for a reading of several cells if no model says how the cells differ.
 
     The greatest reading belongs to the last cell, where the coolant is warmest, the least to the first cell, and the
     mean to the cell midway. So the three cells are not neighbours, whose temperatures conduction would equalise.
@@ -41,7 +41,7 @@ def stand_in(kind: Statistic, cells: Sequence[int]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class OneOfSeveral:
-    """One such input.
+    """One input that belongs to one of several cells.
 
     Attributes
     ----------
@@ -61,14 +61,14 @@ class OneOfSeveral:
         return STATISTICS.index(self.kind) + 1
 
     def place(self, value: float, y: Floats, expected: Floats | None) -> tuple[int, float]:
-        """Find the cell that the reading belongs to, and the reading of its surface.
+        """Find the cell to which the reading belongs, and the reading of its surface.
 
         Parameters
         ----------
         value : float
             The reading, °C.
         y : ndarray (N,)
-            Readings of single cells, NaN without one; they are used in place of the model's surfaces.
+            Readings of single cells, NaN without one; they replace the model's surfaces.
         expected : ndarray (N,) or None
             Surfaces of the model, °C.
 

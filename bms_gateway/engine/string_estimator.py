@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import hypot, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,12 @@ from bms_gateway.identify.cell_live import CellIdentifier
 from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, IDENTIFIED, LEARNING
 from bms_gateway.identify.resistance_by_cell import CellNumbers
 from bms_gateway.observe import Measured
-from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats
 from bms_gateway.thermal.centre import hottest_of
 
-GOOD_SD = 0.1  # relative sd; an electrical resistance that is known worse is not used yet
+GOOD_SD = 0.1  # relative sd; an electrical resistance with a larger sd is not used yet
 CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
-CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
+CAPACITY_AH = 8.0  # if the model file has none; the voltage's slope needs only its order of magnitude
 LEAST_CELLS = 3  # least number of cells for which one cell does not move the median
 
 FLAG_NAMES = {
@@ -64,10 +64,10 @@ class Newest:
     centre, centre_sd : ndarray (N,)
         Hottest point of each cell, °C, K; NaN where the core is.
     heat, heat_sd : ndarray (N,), W
-        Heat of a cell that no current makes; NaN where no sensor tells of it.
+        Heat of a cell that no current makes; NaN if no sensor shows it.
     withheld : ndarray (3, N) or None
-        Core, hottest point and its sd of cells known too badly to be sent; NaN elsewhere, None where there are none.
-        They are compared with the limits all the same, because an unknown cell may be hot.
+        Core, hottest point and its sd of cells that are too uncertain to be sent; NaN elsewhere, None without such
+        cells. They are still compared with the limits, because an unknown cell may be hot.
     """
 
     core: Floats
@@ -82,7 +82,7 @@ class Newest:
 
     @classmethod
     def nothing(cls, cells: int) -> "Newest":
-        """Make the numbers of so many cells, all unknown."""
+        """Create the numbers of `cells` cells, all unknown."""
         core, core_sd, surface, centre, centre_sd, heat, heat_sd = np.full((7, cells), np.nan)
         quality = np.full(cells, np.uint8(Quality.NEVER))
         return cls(core, core_sd, surface, quality, centre, centre_sd, heat, heat_sd)
@@ -104,7 +104,7 @@ class Newest:
         centre: Floats,
         centre_sd: Floats,
     ) -> None:
-        """Keep what is not `usable` (S, n) of a group's numbers, which `put` puts in their places."""
+        """Store the numbers of a group that are not `usable` (S, n); `put` writes them to their places."""
         if self.withheld is None:
             self.withheld = np.full((3, len(self.core)), nan)
         for row, values in zip(self.withheld, (core, centre, centre_sd), strict=True):
@@ -121,25 +121,25 @@ class Newest:
 
 @dataclass(slots=True)
 class StringEstimator:
-    """What belongs to one string alone; the observer is shared by its group.
+    """The parts that belong to one string alone; the group shares the observer.
 
     Attributes
     ----------
     newest : Newest
-        Of all strings, and `mine`: which of the cells are this one's.
+        Of all strings, and `mine`: the cells of this string.
     estimates : tuple of Estimate
         Parameters of the string.
     effects : tuple of Estimate
         Numbers of its model's effects, `key.parameter`.
     health : StringHealth
-        With `ageing` and `mismatch`, which are what is asked for most.
+        With `ageing` and `mismatch`, which are used most.
     kept : CellNumbers or None
         Numbers of the cells from the commissioning run.
     hot, burning, runaway : bool
         `hot`: a cell is above its limit, or its core is unknown because of heat. `burning`: a measured surface is above
         its limit, or a cell runs away. `runaway`: a cell has run away.
     forecast : Forecast or None
-        What comes next, renewed every ten seconds; None before anything is known.
+        The newest forecast, every ten seconds; None before anything is known.
     """
 
     plan: StringPlan
@@ -171,7 +171,7 @@ class StringEstimator:
 
     @property
     def core_sd(self) -> Floats:
-        """Its standard deviation (n,), K."""
+        """Standard deviation of the core (n,), K."""
         return self.newest.core_sd[self.mine]
 
     @property
@@ -186,12 +186,12 @@ class StringEstimator:
 
     @property
     def own_heat_sd(self) -> Floats:
-        """Its standard deviation (n,), W."""
+        """Standard deviation of this heat (n,), W."""
         return self.newest.heat_sd[self.mine]
 
     @property
     def quality(self) -> NDArray[np.uint8]:
-        """`Quality` (n,) of these."""
+        """`Quality` of the estimates (n,)."""
         return self.newest.quality[self.mine]
 
     @property
@@ -201,12 +201,12 @@ class StringEstimator:
 
     @property
     def centre_sd(self) -> Floats:
-        """Its standard deviation (n,), K."""
+        """Standard deviation of the hottest point (n,), K."""
         return self.newest.centre_sd[self.mine]
 
     @property
     def hottest(self) -> int | None:
-        """Cell (from 0) with the hottest point; None where nothing is known."""
+        """Cell (from 0) with the hottest point; None if nothing is known."""
         return hottest_of(self.centre)
 
     @classmethod
@@ -272,7 +272,10 @@ class StringEstimator:
         n = self.plan.model.cells
         R, sd = self.electrical.resistance / n, self.electrical.resistance_sd / n
         sound = self.resistance() == R
-        electrical = Estimate("R_e", R, sd, KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING)
+        # polarisation over minutes also makes heat, and is not included
+        electrical = Estimate(
+            "R_e", R, hypot(sd, HEAT_GAIN_SD * R), KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING
+        )
         return tuple(electrical if e.name == "R_e" else e for e in found)
 
     def _as_kept(self, common: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
@@ -287,12 +290,12 @@ class StringEstimator:
         return tuple(Estimate(f"R_e_{k}", x, spread, unit, FIXED_AT_COMMISSIONING) for k, (x, spread) in each)
 
     def flow_ratio(self, flow: float) -> float:
-        """Coolant flow, m³/s, over the model's nominal flow; NaN where either is unknown."""
+        """Coolant flow, m³/s, over the model's nominal flow; NaN if either is unknown."""
         nominal = self.plan.model.flow
         return flow / nominal if nominal else nan
 
     def learn(self, tick: Tick, current: float, soc: float, flow: float, pairs: PairMeans | None) -> list[Job]:
-        """Pass a tick to all identifiers; return the jobs that they want computed.
+        """Give a tick to all identifiers; return their jobs.
 
         Parameters
         ----------
@@ -310,14 +313,14 @@ class StringEstimator:
         return [job for job in jobs if job is not None]
 
     def patience(self, dt: float) -> int:
-        """Say how many regular ticks may wait before `learn` must get one; `take` then gets the waiting ticks."""
+        """Count the regular ticks that may wait before `learn` must get one; `take` then gets the waiting ticks."""
         if self.cells is not None:
             return 0
         own = self.identifier.patience(dt)
         return min(own, self.health.collector.patience(dt)) if self.health.commissioned else own
 
     def take(self, ticks: Ticks) -> None:
-        """Pass waiting regular ticks to all identifiers."""
+        """Give waiting regular ticks to all identifiers."""
         self.identifier.take(ticks)
         if self.health.commissioned:
             self.health.collector.take(ticks)
@@ -343,7 +346,7 @@ def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: 
 
 
 def hears_cells(plan: StringPlan, wire: Wire) -> bool:
-    """Whether enough cells have a voltage signal to tell the cells apart; whether the signals come is seen later."""
+    """Whether enough cells have a voltage signal to identify single cells; the signals themselves may not come."""
     return identifies_cells(plan) and 2 * int((wire.cell_voltage >= 0).sum()) >= plan.model.cells
 
 

@@ -1,4 +1,4 @@
-"""From the channels of a plan to numbered inputs: which signals are taken in, and where each string finds its own.
+"""From the channels of a plan to numbered inputs: the signals that are used, and the inputs of each string.
 
 An *input* is one signal of the bus with its scale and offset. Strings share inputs (one pack current for all). The
 wiring from strings to inputs is computed once, so that a tick takes a few numpy passes for any number of cells.
@@ -18,7 +18,7 @@ from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """Where one string's quantities come from: indices of inputs, −1 where there is none.
+    """Inputs of one string's quantities, by index; −1 if there is none.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class Wire:
         return self.cells["cell_voltage"]
 
     def of(self, c: Channel) -> int:
-        """Index of the input of a channel; −1 where it is not taken in."""
+        """Index of the input of a channel; −1 if it is not used."""
         return self.input(c.quantity, c.cell) if c.statistic is None else self.statistics.get(c.statistic, -1)
 
     def input(self, quantity: Quantity, cell: int | None) -> int:
-        """Index of the input of a quantity, of a cell where it belongs to one; −1 where there is none."""
+        """Index of the input of a quantity, of a cell if it belongs to one; −1 if there is none."""
         if cell is None:
             return self.whole.get(quantity, -1)
         return int(self.cells[quantity][cell - 1]) if quantity in self.cells else -1
@@ -75,7 +75,7 @@ def used_inputs(string: StringPlan) -> frozenset[Quantity]:
 
 
 def identifies_cells(string: StringPlan) -> bool:
-    """Whether the string's cells are told apart by their voltages."""
+    """Whether the string's cells are identified singly by their voltages."""
     return string.identify == "window" and string.model.cells > 1 and not string.model.effects
 
 
@@ -90,11 +90,11 @@ class Wiring:
     channels : list of Channel
         First channel of each input.
     names : list of (str, int or None)
-        The string that first names each input, and the cell.
+        The first string with each input, and the cell.
     groups : list of int
-        Number of this string, per input.
+        Index of this string, per input.
     spare : set of int
-        Inputs that are taken in only for a record.
+        Inputs that are used only for a record.
     several : list of OneOfSeveral
     """
 
@@ -107,7 +107,7 @@ class Wiring:
 
     @classmethod
     def of(cls, plan: Plan, *, everything: bool = False) -> "Wiring":
-        """Give each input of a plan a number; with `everything` also those that no estimator uses."""
+        """Give numbers to the inputs of a plan; with `everything` also those that no estimator uses."""
         made = cls()
         index: dict[tuple[str, float, float], int] = {}
         before = 0
@@ -124,7 +124,7 @@ class Wiring:
     def _wire(
         self, string: StringPlan, index: dict[tuple[str, float, float], int], before: int, everything: bool
     ) -> Wire:
-        """Wire a string; `before` is the number of cells of the strings before it."""
+        """Find the inputs of a string; `before` is the number of cells of the strings before it."""
         whole: dict[Quantity, int] = dict.fromkeys(WHOLE, -1)
         cells: dict[Quantity, NDArray[np.intp]] = {q: np.full(string.model.cells, -1, np.intp) for q in CELL}
         constants: dict[Quantity, float] = {}

@@ -12,7 +12,7 @@ FORMAT = 1
 
 
 def config_key(files: Iterable[Path]) -> str:
-    """Sum up the content of a config and of all that it names, the program's version too."""
+    """Compute a digest of the config, of all files that it names, and of the program's version."""
     h = sha256(f"{__version__} {FORMAT}".encode())
     for file in files:
         content = file.read_bytes()
@@ -27,7 +27,7 @@ def place_key(log: Path) -> str:
 
 
 def content_key(log: Path, config: str, vehicle: str) -> str:
-    """Sum up a log's size and time of change, the config's key and the vehicle's name.
+    """Compute a digest of a log's size and time of change, of the config's key and of the vehicle's name.
 
     Raises
     ------

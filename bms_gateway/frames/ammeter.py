@@ -10,7 +10,8 @@ the true current at once: V = OCV − R·I. This shows two faults that no range 
   of it show that it is not an end of the sensor's range.
 * A current that rises *with* the voltage. It has the wrong sign.
 
-The checks use the means over a tick, so that frames of current and voltage need not be synchronous.
+The checks use means over a tick, so frames of current and voltage need not be synchronous. Values that no battery
+voltage has are left out: a sample whose bytes come from two measurements, and steps like those of contactors.
 """
 
 from math import nan, sqrt
@@ -18,12 +19,14 @@ from math import nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Ammeter"]
+__all__ = ["UNUSUAL", "Ammeter", "mean_voltage"]
 
 MOVED = 0.002
 """Share of the voltage that counts as a move: the response of any cell to a quarter of its one-hour current."""
 MOVED_STEPS = 2.5
 """The same in steps of the voltage's resolution: the last digit may flicker."""
+UNUSUAL = 0.45
+"""Share by which a voltage may leave its usual level; a larger change comes from open contactors or wrong bits."""
 STANDS = 4
 """Moves in each direction until the current is refused: some ten seconds of driving."""
 BEYOND = 8
@@ -33,7 +36,7 @@ RELAXES = 0.5
 RECENT = 0.9
 """Share of an earlier voltage step that is still relaxing, per tick with a step."""
 MOST = 12
-"""Most moves that are counted: more would prove nothing, and a repaired sensor would be refused for too long."""
+"""Greatest count of moves: more would prove nothing, and a repaired sensor would be refused for too long."""
 FORGIVE = 0.01
 """Subtracted from the count at each tick in which the current moves with the voltage, as it should."""
 RELEASED = 0.25
@@ -43,6 +46,22 @@ MEMORY = 60
 ENOUGH = 10
 REVERSED, RIGHT = 0.7, 0.3
 """Correlation of the steps of voltage and current above which the sign is wrong, and below which it is right again."""
+
+
+def mean_voltage(V: NDArray[np.float64]) -> float:
+    """Mean of the samples (k,) of a tick without those that are far from their median; NaN of none.
+
+    Examples
+    --------
+    >>> mean_voltage(np.array([513.2, 513.0, 17.9, 513.1]))
+    513.1
+    """
+    if not len(V):
+        return nan
+    if float(V.max() - V.min()) > UNUSUAL * abs(float(V.mean())):
+        middle = float(np.median(V))
+        V = V[np.abs(V - middle) <= UNUSUAL * abs(middle)]
+    return float(V.mean()) if len(V) else nan
 
 
 class Ammeter:
@@ -70,13 +89,13 @@ class Ammeter:
     def __init__(self, resolution: float = 0.0) -> None:
         self._step = MOVED_STEPS * resolution
         self.reversed = False
-        self._suspects = _Suspect(), _Suspect()  # a sensor has two ends: one value from zero up, one below
+        self._suspects = _Suspect(), _Suspect()  # the positive and the negative end of the sensor's range
         self._I = self._V = nan
         self._stood = False
         self._II = self._IV = self._VV = 0.0
         self._moves = 0
         self._mean_V = 0.0
-        self._step_A = self._run_V = 0.0  # largest step of late; way of the voltage while the current stands
+        self._step_A = self._run_V = 0.0  # largest recent step; moves of the voltage while the current stands still
 
     @property
     def stands_at(self) -> tuple[float, ...]:
@@ -85,17 +104,17 @@ class Ammeter:
 
     @property
     def together(self) -> float:
-        """Correlation of the steps of voltage and current; NaN before there were enough."""
+        """Correlation of the steps of voltage and current; NaN before there are enough."""
         return self._IV / sqrt(self._II * self._VV) if self._moves >= ENOUGH else nan
 
     @property
     def volts(self) -> float:
-        """Mean voltage of late at the steps of both, V, not that of open contactors; NaN before there were enough."""
+        """Recent mean voltage at steps of both, V, without open contactors; NaN before there are enough."""
         return self._mean_V if self._moves >= ENOUGH else nan
 
     @property
     def resistance(self) -> float:
-        """Resistance that the steps of current and voltage show, Ω, whatever the sign; NaN where they show none."""
+        """Resistance from the steps of current and voltage, Ω, for either sign; NaN without such steps."""
         return abs(self._IV) / self._II if abs(self.together) >= REVERSED else nan
 
     def update(self, I: NDArray[np.float64], V: NDArray[np.float64]) -> None:  # noqa: E741
@@ -107,10 +126,11 @@ class Ammeter:
         for suspect in self._suspects:
             suspect.acquit(low, high)
         mean_I = float(I.mean())
-        mean_V = float(V.mean()) if len(V) else nan
+        mean_V = mean_voltage(V)
         dI, dV = mean_I - self._I, mean_V - self._V
         stands = low == high
-        if abs(dV) > max(MOVED * abs(mean_V), self._step):  # false where one is not known
+        most = UNUSUAL * max(abs(mean_V), abs(self._V))
+        if max(MOVED * abs(mean_V), self._step) < abs(dV) < most:  # false where one is not known
             if stands and self._stood and dI == 0.0:
                 self._run_V += dV
                 explained = -RELAXES * self._IV * self._step_A  # R = −IV/II; without steps seen, nothing is beyond
@@ -140,7 +160,7 @@ class Ammeter:
 
 
 class _Suspect:
-    """A value at which the current was seen to stand while the voltage moved."""
+    """A value at which the current stood still while the voltage moved."""
 
     def __init__(self) -> None:
         self.value = nan
@@ -152,7 +172,7 @@ class _Suspect:
         """Count a move of the voltage while the current stood at `value`, and whether relaxation explains it."""
         if value != self.value:
             if self.refused:
-                return  # one fault at a time: the refused value must be accepted again first
+                return  # one refused value at a time: it must be accepted again before another is refused
             self.value, self._up, self._down, self._beyond = value, 0.0, 0.0, 0.0
         # a sensor that stands still again is stuck again, whatever it read before
         self._below = self._above = False
@@ -164,7 +184,7 @@ class _Suspect:
         self._decide()
 
     def acquit(self, low: float, high: float) -> None:
-        """Accept a value again that has readings on both sides: it is not an end of the range."""
+        """Accept a refused value again once there were readings above and below it: it is not an end of the range."""
         self._below |= low < self.value
         self._above |= high > self.value
         if self._below and self._above:

@@ -1,4 +1,4 @@
-"""Where each channel stays: its anchor, and its home, the anchor that lasted longest (`guard` has the words)."""
+"""The value at which each channel stays (anchor), and the longest such value (home); `guard` explains the words."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ LONGEST_STEP_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """What one sample of each of several channels did.
+    """Result of one sample of each of several channels.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What an anchor is judged by.
+    """Data by which an anchor is judged.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Standing:
     stuck : ndarray of bool
         Which channels were stuck before.
     alone : Compared or None
-        With their neighbours; None where all are trusted.
+        Comparison with their neighbours; None if all are trusted.
     """
 
     clock: Floats
@@ -86,7 +86,7 @@ class Anchors:
         self._home_held, self._home_held_s, self._home_seen = np.zeros(m, np.int64), np.zeros(m), np.zeros(m)
 
     def follow(self, c: Index | slice, value: Floats, usable: Bools, seconds: Floats, at: Standing) -> Left:
-        """Take in one sample of each of several channels, `seconds` after the one before."""
+        """Include one sample of each of several channels, `seconds` after the previous one."""
         clock = at.clock
         same = value == self._value[c]
         count = np.where(same, np.minimum(self._count[c] + 1, ANCHORED), self._count[c] - 1)

@@ -1,8 +1,8 @@
-"""Where the bits of a signal lie in a payload, as numpy tables that take them out of, and put them into, many frames.
+"""Positions of signals in a payload, as numpy tables for reading them from, and writing them to, many frames.
 
-A payload of 8·K bytes is read as K little-endian 64-bit words, followed, where any signal is big-endian, by the same
-bytes as K big-endian words. In one of these two readings each signal is one run of bits, low bit first, that spans at
-most two words: so one shift and one mask serve both byte orders, and a second shift the few signals that cross words.
+A payload of 8·K bytes is read as K little-endian 64-bit words, followed, if any signal is big-endian, by the same bytes
+as K big-endian words. In one of these two readings each signal is one run of bits, low bit first, over at most two
+words. So one shift and one mask serve both byte orders, and a second shift serves the few signals that cross words.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ class Place:
 
     @property
     def bits(self) -> frozenset[int]:
-        """Its bits, each as eight times its byte plus its place within the byte, the least significant 0.
+        """Its bits, each as eight times its byte plus its position within the byte, the least significant 0.
 
         Examples
         --------
@@ -61,7 +61,7 @@ class BitFields:
     word, shift, mask : ndarray (F,)
         Word that holds the lowest bit, its position there, and the mask of the value after shifting.
     word2, shift2 : ndarray (F,)
-        Where the signal crosses words: the word of the upper bits and how far they are shifted up; 0 elsewhere.
+        For a signal that crosses words: the word of the upper bits and their shift upwards; 0 otherwise.
     sign : ndarray of uint64 (F,)
         Weight of the sign bit, 0 for unsigned.
     needs : ndarray of int64 (F,)
@@ -69,7 +69,7 @@ class BitFields:
     words : int
         K, 64-bit words of the longest payload.
     stride : int
-        K, or 2·K where a big-endian reading is needed.
+        K, or 2·K if a big-endian reading is needed.
     """
 
     word: Index

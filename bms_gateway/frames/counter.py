@@ -26,7 +26,7 @@ class CounterGuard:
 
     def __init__(self, table: SignalTable) -> None:
         self.last = np.full(len(table.nodes.keys), -1, np.int64)
-        # a frame that kept the outer node has a multiplexer value whose sequence is not followed
+        # not where a multiplexer value has no layout: then the counter's place is not known
         self._followed = table.switches.of < 0
 
     def update(self, samples: Samples) -> NDArray[np.uint8]:

@@ -36,8 +36,7 @@ class Database:
         ----------
         texts : mapping of file name to text
         read : callable, optional
-            What gives the messages of a file by its name and text, as `dbc.parse` does and for whoever keeps what that
-            once gave.
+            Returns the messages of a file by its name and text, as `dbc.parse` does, or from a cache.
 
         Raises
         ------
@@ -94,7 +93,7 @@ class Database:
         Raises
         ------
         ConfigError
-            As `resolve`, or a signal that cannot be decoded (scale 0, multiplexer wider than 32 bits).
+            As for `resolve`, or a signal that cannot be decoded (scale 0, multiplexer wider than 32 bits).
         """
         wanted = [self.resolve(path) for path in signals]
         for info in wanted:
@@ -103,7 +102,7 @@ class Database:
         return SignalTable.build(wanted, self.messages)
 
     def changed(self, signals: Sequence[SignalInfo]) -> "Database":
-        """Give a database with these signals replaced; everything else stays the same."""
+        """Return a database with these signals replaced; all else stays the same."""
         new = copy(self)
         new.messages = dict(self.messages)
         for info in signals:
@@ -112,7 +111,7 @@ class Database:
         return new
 
     def _holders(self, name: str) -> str:
-        """Tell which messages have a signal of this name, for a user who left the message out."""
+        """List the messages that have a signal of this name, for a user who did not name the message."""
         holders = [m.name for m in self.messages.values() if name in m.signals]
         if holders:
             return f"; did you mean '{holders[0]}.{name}'?"

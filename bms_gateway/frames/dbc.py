@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from math import isfinite
 from typing import TYPE_CHECKING, cast
@@ -31,14 +32,14 @@ LONGEST_DIGITS = 5
 MOST_WORDS = 2_000_000
 """Words and marks outside of comments. cantools keeps each, in some 150 bytes; a whole vehicle has a twentieth."""
 MOST_SELECTING = 1_000_000
-"""Multiplexer values in ranges, all signals together: sixteen signals that any value of 16 bits selects."""
+"""Most multiplexer values in ranges, of all signals together: sixteen signals that any value of 16 bits selects."""
 MOST_DIGITS = 10
 LONGEST_CYCLE_MS = 86_400_000.0
 MOST_DATA_ID = 0xFFFF
 MOST_ID = 0xFFFFFFFF
 MOST_SHOWN = 200
 MOST_LISTED = 5
-"""Lines that one message names."""
+"""Most lines that one message names."""
 _QUOTE = re.compile(r'(?<!\\)"')
 _WORD = re.compile(r'"[^"]*"|[\w.+-]+|[^\s\w]')
 _SIGNAL = re.compile(r"^[ \t]*SG_[ \t]", re.M)
@@ -61,7 +62,7 @@ def parse(name: str, text: str) -> list[MessageInfo]:
     Parameters
     ----------
     name : str
-        Of its file, for the messages and for what is told of faults.
+        Of its file, for the messages and for error lines.
     text : str
 
     Raises
@@ -69,7 +70,7 @@ def parse(name: str, text: str) -> list[MessageInfo]:
     ConfigError
         Not a valid DBC: names the file, the line and what to do.
     """
-    # cantools brings python-can along, 0.1 s: only who has a DBC parsed pays for it
+    # cantools loads python-can, which takes 0.1 s: it is loaded only when a DBC is parsed
     from cantools.database import load_string
     from cantools.database.errors import Error
 
@@ -81,18 +82,18 @@ def parse(name: str, text: str) -> list[MessageInfo]:
         raise ConfigError(_explain(name, text, str(problem))) from problem
     except RecursionError:
         raise ConfigError(f"{name}: multiplexers nested too deep; correct the file") from None
-    except _UNFORESEEN as problem:  # what a parser of others stumbles over in a file that is no sound DBC
+    except _UNFORESEEN as problem:  # errors of the parser, which is not ours, in a file that is not a sound DBC
         what = " ".join(f"{type(problem).__name__}: {problem}".split())[:MOST_SHOWN]
         raise ConfigError(f"{name}: refused as a DBC ({what}); correct the file") from problem
 
 
 def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
-    """Parse what can be read of a DBC that `parse` refuses: overlapping signals, value tables of no signal.
+    """Parse the readable part of a DBC that `parse` refuses: overlapping signals, value tables without a signal.
 
     Returns
     -------
     list of MessageInfo or None
-        None where even that cannot be read.
+        None if nothing can be read.
     """
     from cantools.database import load_string
     from cantools.database.errors import Error
@@ -113,7 +114,7 @@ def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
 
 
 def _without(text: str, stray: set[tuple[str, str, str]]) -> str:
-    """Leave out what is stated of these signals, by kind of statement, number of the message and signal."""
+    """Leave out the statements about these signals, by kind of statement, number of the message and signal."""
     return _STATED.sub(lambda found: "" if found.groups() in stray else found[0], text)
 
 
@@ -148,7 +149,7 @@ def _refuse_extremes(name: str, text: str) -> None:
 
 
 def _refuse_many_words(name: str, text: str) -> None:
-    """Refuse content of which a parser would keep each mark."""
+    """Refuse more words and marks than a real DBC has: a parser makes an object of each."""
     if len(text) > MOST_WORDS and next(islice(_WORD.finditer(text), MOST_WORDS, None), None) is not None:
         raise ConfigError(
             f"{name}: over {MOST_WORDS:,} words and marks, more than the buses of a whole vehicle have: is it the "
@@ -168,7 +169,7 @@ def _refuse_long_texts(name: str, text: str) -> None:
 
 
 def _cut_short(text: str) -> str | None:
-    """Tell within what a file ends, of which a parser would drop the last line without a word; None if it is whole."""
+    """Say within which statement a file ends, whose last line a parser would drop silently; None if it is complete."""
     last = text.rstrip().rpartition("\n")[2].strip()
     if last.startswith("SG_ "):
         return None if _WHOLE_SIGNAL.search(last) else "a signal"
@@ -178,7 +179,7 @@ def _cut_short(text: str) -> str | None:
 
 
 def _refuse_ranges(name: str, text: str) -> None:
-    """Refuse ranges of multiplexer values that a parser would write out value by value."""
+    """Refuse ranges of multiplexer values that a parser would expand value by value."""
     count = 0
     for selected in _SELECTED.finditer(text):
         for found in _RANGE.finditer(selected[0]):
@@ -204,21 +205,19 @@ def _message(database: str, m: "Message", group: bool) -> MessageInfo:
     can_id = m.frame_id | EXTENDED if m.is_extended_frame else m.frame_id
     protected = m.dbc is not None and _attribute(m.dbc, "E2EProfile") == E2E_PROFILE
     e2e = E2E(_data_id(database, m)) if protected else None
-    cycle_ns = _cycle_ns(database, m)
-    by_name = {s.name: s for s in m.signals}
-    signals = {s.name: _signal(database, m, s, by_name, can_id, cycle_ns, group) for s in m.signals}
-    return MessageInfo(
+    message = MessageInfo(
         database=database,
         name=m.name,
         can_id=can_id,
         length=m.length,
         senders=tuple(m.senders),
-        cycle_ns=cycle_ns,
+        cycle_ns=_cycle_ns(database, m),
         e2e=e2e,
         comment=m.comment or "",
-        signals=signals,
         any_sender=group,
     )
+    by_name = {s.name: s for s in m.signals}
+    return replace(message, signals={name: _signal(message, s, by_name) for name, s in by_name.items()})
 
 
 def _cycle_ns(database: str, m: "Message") -> int | None:
@@ -254,24 +253,16 @@ def _data_id(database: str, m: "Message") -> int:
     return int(digits)
 
 
-def _signal(
-    database: str,
-    m: "Message",
-    s: "Signal",
-    by_name: Mapping[str, "Signal"],
-    can_id: int,
-    cycle_ns: int | None,
-    group: bool,
-) -> SignalInfo:
+def _signal(message: MessageInfo, s: "Signal", by_name: Mapping[str, "Signal"]) -> SignalInfo:
     place = Place(s.start, s.length, s.byte_order == "big_endian", bool(s.is_signed) and not s.conversion.is_float)
     choices = {int(raw): str(label) for raw, label in (s.conversion.choices or {}).items()}
     for what, number in (("scale", s.conversion.scale), ("offset", s.conversion.offset)):
         if not isfinite(number):
-            raise ConfigError(f"{database}: signal {m.name}.{s.name} has the {what} {number}; correct it")
+            raise ConfigError(f"{message.database}: signal {message.name}.{s.name} has the {what} {number}; correct it")
     stated = None if (s.minimum, s.maximum) == (0, 0) else s  # [0.0|0.0] states no range, as [0|0] does
     return SignalInfo(
-        database=database,
-        message=m.name,
+        database=message.database,
+        message=message.name,
         name=s.name,
         place=place,
         is_float=s.conversion.is_float,
@@ -282,16 +273,16 @@ def _signal(
         unit=s.unit or "",
         comment=s.comment or "",
         choices=choices,
-        mux=_switches(database, m, s, by_name),
+        mux=_switches(message, s, by_name),
         is_multiplexer=s.is_multiplexer,
         start_raw=None if s.raw_initial is None else float(s.raw_initial),
-        j1939=_is_j1939(s, group),
-        can_id=can_id,
-        cycle_ns=cycle_ns,
+        j1939=_is_j1939(s, message.any_sender),
+        can_id=message.can_id,
+        cycle_ns=message.cycle_ns,
     )
 
 
-def _switches(database: str, m: "Message", s: "Signal", by_name: Mapping[str, "Signal"]) -> tuple[Switch, ...]:
+def _switches(message: MessageInfo, s: "Signal", by_name: Mapping[str, "Signal"]) -> tuple[Switch, ...]:
     """List the steps to a signal, from the outermost multiplexer inwards.
 
     Raises
@@ -302,10 +293,13 @@ def _switches(database: str, m: "Message", s: "Signal", by_name: Mapping[str, "S
     steps: list[Switch] = []
     while s.multiplexer_signal is not None:
         if len(steps) == len(by_name):
-            raise ConfigError(f"{database}: message {m.name}: multiplexer {s.name} is selected by itself; correct it")
+            raise ConfigError(
+                f"{message.database}: message {message.name}: multiplexer {s.name} is selected by itself; correct it"
+            )
         if s.multiplexer_signal not in by_name:
             raise ConfigError(
-                f"{database}: message {m.name} has no multiplexer {s.multiplexer_signal}, by which {s.name} is selected"
+                f"{message.database}: message {message.name} has no multiplexer {s.multiplexer_signal}, by which "
+                f"{s.name} is selected"
             )
         steps.append(Switch(s.multiplexer_signal, tuple(sorted(s.multiplexer_ids or ()))))
         s = by_name[s.multiplexer_signal]

@@ -28,14 +28,14 @@ def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], c
     messages : iterable of MessageInfo
         At least those of the signals.
     signals : iterable of SignalInfo
-        As they are to be read: place, scale and range are theirs, not the message's.
+        To be written with their own place, scale and range, not with those of the message.
     comment : str
         Of the whole file.
 
     Returns
     -------
     str
-        Such that `dbc.parse` gives these signals again.
+        `dbc.parse` gives these signals again.
     """
     wanted: dict[str, dict[str, SignalInfo]] = {}
     for s in signals:
@@ -77,7 +77,7 @@ def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], c
 def _beside(
     s: SignalInfo, number: int, switches: list[str], kinds: list[str], values: list[str], raw: list[str]
 ) -> None:
-    """Add what a DBC says of a signal outside its message."""
+    """Add the statements of a DBC about a signal outside its message."""
     if s.mux and (len(s.mux) > 1 or len(s.mux[-1].values) > 1):
         ranges = ", ".join(f"{v}-{v}" for v in s.mux[-1].values)
         switches.append(f"SG_MUL_VAL_ {number} {s.name} {s.mux[-1].signal} {ranges};")

@@ -32,7 +32,7 @@ class Protected:
     frame : ndarray of intp (k,)
         Index into the batch, ascending.
     node : ndarray of intp (k,)
-        Node of the table (message and multiplexer value) that counts.
+        Node of the table (message and multiplexer value) of the counter.
     counter : ndarray of uint8 (k,)
     crc_ok : ndarray of bool (k,)
     """
@@ -54,14 +54,14 @@ class Samples:
     signal : ndarray of intp (n,)
         Index into `SignalTable.signals`.
     value : ndarray of float64 (n,)
-        Physical value, raw · scale + offset; NaN where the frame was too short to hold it. Values whose flag is not
-        GOOD are what the bits say and not measurements.
+        Physical value, raw · scale + offset; NaN if the frame was too short. A value whose flag is not GOOD is the
+        content of the bits and no measurement.
     flag : ndarray of uint8 (n,)
         `Quality`: GOOD, OUT_OF_RANGE, NOT_AVAILABLE, ERROR or CRC.
     protected : Protected
         Counter and check sum per frame, for the guard.
     unknown : ndarray of intp (u,)
-        Frames, ascending, whose multiplexer shows a value that the DBC does not know, or is not in them at all.
+        Frames, ascending, whose multiplexer has a value unknown to the DBC, or that are too short for it.
     """
 
     frame: Index
@@ -78,9 +78,9 @@ class Samples:
 def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     """Decode all wanted signals of a batch.
 
-    Frames of other identifiers and of multiplexer values without a wanted signal give no sample; values that the DBC
-    does not know are told. Over-long frames are
-    read like those of the right length. Nothing that a frame contains raises.
+    Frames of other identifiers, and of multiplexer values without a wanted signal, give no sample; values unknown to
+    the DBC are reported. Over-long frames are read like those of the right length. No content of a frame raises an
+    exception.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def _through_multiplexers(
 def _strange(
     switches: Switches, row: Index, switch: Index, key: NDArray[np.uint64], hit: Index, length: NDArray[np.uint8]
 ) -> Index:
-    """Find the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
+    """Find the rows that are too short for their multiplexer, or whose multiplexer value is not in the DBC."""
     short = switches.bits.needs.take(switch) > length.take(row)
     if len(hit) == len(row) and not short.any():
         return _NO_FRAMES
@@ -224,7 +224,7 @@ def _to_float(values: Values, bits: NDArray[np.uint64], place: Index) -> NDArray
 def _judge(limits: Limits, raw: NDArray[np.float64], place: Index) -> NDArray[np.uint8]:
     """Quality by the raw value: declared range, J1939 ranges, labels of the value table, NaN."""
     flag = np.zeros(len(raw), np.uint8)
-    # written so that NaN, which compares false, falls out too
+    # written so that NaN, which compares as false, is refused too
     inside: NDArray[np.bool_] = raw >= limits.low.take(place)
     inside &= raw <= limits.high.take(place)
     part = (~inside).nonzero()[0]

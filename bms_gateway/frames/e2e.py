@@ -19,7 +19,7 @@ POLYNOMIAL = 0x1D
 COUNTER_STATES = 15
 """Values of the counter: 15 is never sent, so that a frame of all ones cannot pass."""
 MAX_DELTA = 3
-"""Largest step of the counter taken for lost frames rather than for a wrong sequence (two lost in a row)."""
+"""Largest step of the counter that counts as lost frames and not as a wrong sequence (two lost in a row)."""
 PROTECTED_LENGTH = 8
 """Protected messages have eight bytes; a frame of another length fails."""
 
@@ -36,7 +36,7 @@ _TABLE = _byte_table()
 
 
 def crc8(data: bytes, start: int = 0xFF, final: int = 0xFF) -> int:
-    """CRC with the SAE J1850 polynomial of some bytes; with zero `start` and `final` the one of profile 1.
+    """CRC of some bytes with the SAE J1850 polynomial; with zero `start` and `final`, that of profile 1.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def crc8(data: bytes, start: int = 0xFF, final: int = 0xFF) -> int:
 
 
 def _weights() -> list[NDArray[np.uint8]]:
-    """Item k: what a byte with k others behind it adds to the CRC."""
+    """Item k: contribution to the CRC of a byte that is followed by k others."""
     weights = [_TABLE]
     for _ in range(PROTECTED_LENGTH):
         weights.append(_TABLE[weights[-1]])
@@ -62,7 +62,7 @@ _ID_LOW, _ID_HIGH = _WEIGHTS[PROTECTED_LENGTH], _WEIGHTS[PROTECTED_LENGTH - 1]
 
 
 def _pair_tables() -> NDArray[np.uint8]:
-    """Row j: what bytes 2j and 2j + 1, read as a little-endian number, add to the CRC; byte 0 adds nothing."""
+    """Row j: contribution of bytes 2j and 2j + 1, as a little-endian number, to the CRC; byte 0 contributes nothing."""
     low, high = np.arange(1 << 16) & 0xFF, np.arange(1 << 16) >> 8
     rows = []
     for j in range(PROTECTED_LENGTH // 2):

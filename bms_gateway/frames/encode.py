@@ -1,8 +1,8 @@
 """Physical values to frames, many at once: the inverse of `decode`, with not-available values, counter and check sum.
 
-A *row* is one frame layout: a message and, where it is multiplexed, the multiplexer values. All rows are tabulated when
-the encoder is made; encoding is then a handful of numpy calls for any number of frames. Nothing in the values raises:
-what a signal cannot carry leaves as its not-available value or, without such a convention, at the nearest limit.
+A *row* is one frame layout: a message and, if it is multiplexed, the multiplexer values. All rows are tabulated when
+the encoder is made; encoding then takes a few numpy calls for any number of frames. No value raises an exception: a
+value that a signal cannot carry is sent as not available or, without such a convention, as the nearest limit.
 """
 
 import math
@@ -26,13 +26,13 @@ Index = NDArray[np.intp]
 T = TypeVar("T")
 
 LARGEST_BITS = 53
-"""Of an integer that every float64 holds exactly."""
+"""Most bits of an integer that every float64 represents exactly."""
 MAX_ROWS = 4096
-"""More layouts than this of one message come from independent multiplexers whose product nobody sends."""
+"""Most layouts of one message; more come only from products of independent multiplexers, which no sender uses."""
 
 
 class _Raw(NamedTuple, Generic[T]):
-    """How a signal's physical value becomes a raw one; or of many signals, with an array for each number.
+    """Conversion of a signal's physical value to a raw one; for many signals, with an array for each number.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class _Raw(NamedTuple, Generic[T]):
     low, high
         Valid range.
     below, above, missing, failed
-        What is sent below and above that range, for NaN and for an error.
+        Sent below and above that range, for NaN and for an error.
     """
 
     scale: T
@@ -55,7 +55,7 @@ class _Raw(NamedTuple, Generic[T]):
 
 
 _NOTHING = _Raw(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""Of a column that a row leaves empty."""
+"""Value of a column that a row does not use."""
 
 
 class Encoder:
@@ -67,16 +67,16 @@ class Encoder:
     messages : sequence of str
         Names of the messages to send.
     missing : mapping of str to float, optional
-        Raw values that stand for no measurement, by "Message.Signal", where the signal itself has none.
+        Raw values for "no measurement", by "Message.Signal", for signals without one of their own.
 
     Attributes
     ----------
     width : int
-        S, columns of `values`: the most signals that one row has.
+        S, columns of `values`: the most signals in one row.
     can_id : ndarray of uint32 (R,)
     length : ndarray of uint8 (R,)
     counters : ndarray of uint8 (R,)
-        Next alive counter of each row, the only state: copy it into a snapshot and put it back.
+        Next alive counter of each row, the only state: a snapshot must contain it.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class Encoder:
         self._numbers = np.array([_raw(s, missing.get(s.path)) for s in flat], np.float64).reshape(
             -1, len(_Raw._fields)
         )
-        # one field more, of no bits, for the columns that a row leaves empty
+        # one more field, without bits, for the columns that a row does not use
         self._field = np.full((len(rows), self.width), len(flat), np.intp)
         starts = np.cumsum([0, *(len(c) for _, _, c in rows)])
         for r, (_, _, carried) in enumerate(rows):
@@ -143,7 +143,7 @@ class Encoder:
         Raises
         ------
         ConfigError
-            The row does not carry it; counters, check sums and multiplexers are written by the encoder itself.
+            The row does not contain it; the encoder itself writes counters, check sums and multiplexers.
         """
         columns = self._columns[row]
         if signal not in columns:
@@ -163,11 +163,11 @@ class Encoder:
         ----------
         rows : ndarray of intp (N,)
         values : ndarray of float64 (N, S)
-            Physical values. NaN leaves as not available (`not_available`); where a signal cannot say so, as its
-            value of `missing`, else as the start value, else 0. What is outside the valid range, or infinite, leaves
+            Physical values. NaN is sent as not available (`not_available`); if the signal has no such value, as its
+            value of `missing`, else as the start value, else 0. A value outside the valid range, or infinite, is sent
             as not available by the J1939 convention, else as the nearest limit.
         error : ndarray of bool (N, S), optional
-            Send the error value instead, where the signal has one.
+            Whether to send the error value instead, if the signal has one.
 
         Returns
         -------
@@ -227,7 +227,7 @@ class Encoder:
         return np.ascontiguousarray(little).view(np.uint8)
 
     def _count(self, rows: Index) -> NDArray[np.uint8]:
-        """Counter of each frame, and the next ones remembered."""
+        """Return the counter of each frame, and store the next ones."""
         order = np.argsort(rows, kind="stable")
         ordered = rows[order]
         fresh = np.ones(len(rows), np.bool_)
@@ -270,7 +270,7 @@ def _is_present(s: SignalInfo, chosen: Mapping[str, int]) -> bool:
 
 
 def _is_carried(message: MessageInfo, s: SignalInfo, chosen: Mapping[str, int]) -> bool:
-    """Whether the caller sets this signal: not the multiplexers, nor what the protection writes into byte 0 and 1."""
+    """Whether the caller sets this signal: not the multiplexers, nor the protection in bytes 0 and 1."""
     if s.scale == 0.0:
         raise ConfigError(f"{message.database}: signal {s.path} has the scale 0; correct it in the DBC")
     protected = message.e2e is not None and s.place.start < 12 and not s.place.big_endian
@@ -290,7 +290,7 @@ def _write_switches(base: NDArray[np.uint8], message: MessageInfo, chosen: Mappi
 
 
 def not_available(s: SignalInfo) -> float | None:
-    """Give the raw value that says "no measurement" by J1939, the value table or IEEE 754; None where none does."""
+    """Return the raw value for "no measurement" by J1939, the value table or IEEE 754; None if there is none."""
     if s.j1939:
         return float((1 << s.place.size) - 1)
     if s.is_float:
@@ -305,7 +305,7 @@ def _raw(s: SignalInfo, unknown: float | None) -> _Raw[float]:
         widest = float(np.finfo(np.float32 if s.place.size == 32 else np.float64).max)
         least, most = -widest, widest
     elif s.place.size > LARGEST_BITS:
-        # the largest float64 below the limit, which is itself none: it would round up and overflow
+        # the largest float64 below the limit: the limit itself would round up and overflow
         most = math.nextafter(most, 0.0)
     low, high = max(s.raw_valid[0], least), min(s.raw_valid[1], most)
     if low > high:

@@ -36,17 +36,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.anchor import SETTLED, Anchors, Standing
+from bms_gateway.frames.freshness import Turns
 from bms_gateway.frames.neighbours import FAR_NEEDED, Neighbours
 from bms_gateway.frames.peers import Peers
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.repeats import Repeats
 from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule
-from bms_gateway.frames.turns import Turns
 
 __all__ = ["Guard", "GuardResult"]
 
 Index = NDArray[np.intp]
-# of numpy's own type, which it compares five times as fast as members of an enumeration
+# numpy's own type, which numpy compares five times as fast as members of an enumeration
 GOOD, STALE, OUT_OF_RANGE, STUCK, OPEN, SHORT, JUMPY, NEVER = (
     np.uint8(q)
     for q in (
@@ -72,7 +72,7 @@ class GuardResult:
     Attributes
     ----------
     quality : ndarray of uint8 (n,)
-        Of each sample, GOOD where it was accepted.
+        Of each sample; GOOD if it was accepted.
     value, time_ns : ndarray (C,)
         Latest accepted value of each channel (NaN for none) and its time stamp.
     channel_quality : ndarray of uint8 (C,)
@@ -103,7 +103,7 @@ class Ranges:
         return cls(*_columns(rules, "lower", "upper", "low_rail", "high_rail"))
 
     def judge(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Judge samples by their value alone; those that were not good stay as they are."""
+        """Judge samples by their value alone; the quality of samples that were not good is kept."""
         quality = flag.copy()
         # a rail is more specific than a range: a sample outside the DBC's range may still be OPEN or SHORT
         open_to = (flag == GOOD) | (flag == OUT_OF_RANGE)
@@ -117,7 +117,7 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the m channels with a past may do, each (m,)."""
+    """Limits of the m channels that are judged by their past, each (m,)."""
 
     jump: NDArray[np.float64]
     rate: NDArray[np.float64]
@@ -152,7 +152,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What one sample of each of several channels is; upset is what is not usable, jumped or stuck."""
+    """Judgement of one sample of each of several channels; upset: not usable, jumped or stuck."""
 
     jumped: NDArray[np.bool_]
     stuck: NDArray[np.bool_]
@@ -162,7 +162,7 @@ class Verdict:
 
 
 class Belief:
-    """Which of m channels are believed, and what those that are not must show first.
+    """Which of m channels are believed, and what the others must show first.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class Belief:
     needed : ndarray of int64 (m,)
         Calm samples before it is believed.
     cause : ndarray of uint8 (m,)
-        `Quality` for which it is not believed; GOOD where it is.
+        `Quality` for which it is not believed; GOOD if it is believed.
     """
 
     def __init__(self, m: int) -> None:
@@ -180,11 +180,11 @@ class Belief:
         self._calm, self._strikes = np.zeros(m, np.int64), np.zeros(m, np.int64)
 
     def stuck(self, c: Index | slice) -> NDArray[np.bool_]:
-        """Find channels that are not believed because they stand."""
+        """Find channels that are not believed because they stand still."""
         return np.asarray(self.cause[c] == STUCK)
 
     def take(self, c: Index | slice, seen: Verdict, told: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """Take in what samples are, and what is told of them; return the calm samples of each channel."""
+        """Include the quality of samples and the events about them; return the calm samples of each channel."""
         proven, calm = self.proven[c] | seen.proves, self._calm[c] + 1
         if seen.upset.any():
             proven &= ~seen.jumped & ~seen.stuck

@@ -1,7 +1,7 @@
-"""J1939 identifiers: what a message is about, and who sends it.
+"""J1939 identifiers: content of a message, and its sender.
 
 An identifier of 29 bits is priority (3), data page (2), PDU format (8), PDU specific (8), source address (8). A DBC can
-name one sender only, often 0xFE, which is none; the vehicle's may have any address. SAE J1939-21.
+name one sender only, often 0xFE, which is no address; the vehicle's sender may have any address. SAE J1939-21.
 """
 
 from collections import Counter
@@ -20,16 +20,16 @@ __all__ = ["LAST_ADDRESS", "MARK", "PROTOCOL", "Senders", "group_mask", "paramet
 PROTOCOL: Final = "J1939"
 """Value of the attribute `ProtocolType` of a DBC whose messages of 29 bits are all parameter groups."""
 MARK: Final = f'BA_DEF_ "ProtocolType" STRING; BA_ "ProtocolType" "{PROTOCOL}";'
-"""Line of a DBC that says so."""
+"""Line of a DBC that contains it."""
 LAST_ADDRESS: Final = 253
-"""254 is who has none, 255 all."""
+"""254 means no address, 255 all addresses."""
 _PDU1_BELOW: Final = 240
 _TO_ALL: Final = 0x03FF_FF00
 _TO_ONE: Final = 0x03FF_0000
 
 
 def group_mask(can_id: int) -> int:
-    """Give the bits that name the content: without priority, source and (where there is one) destination.
+    """Return the bits of the content: without priority, source and (if there is one) destination.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def group_mask(can_id: int) -> int:
 
 
 def parameter_group(can_id: int) -> int:
-    """Give the number of the content, without priority, source and (where there is one) destination.
+    """Return the number of the content, without priority, source and (if there is one) destination.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def parameter_group(can_id: int) -> int:
 
 
 def sent_from(messages: Iterable[MessageInfo], address: int) -> list[MessageInfo]:
-    """Give messages of 29 bits the source address of the sender that there is; others stay."""
+    """Give messages of 29 bits the source address of the sender on the bus; others are kept."""
     found = []
     for m in messages:
         can_id = (m.can_id & ~0xFF) | address if m.can_id & EXTENDED else m.can_id
@@ -61,17 +61,17 @@ def sent_from(messages: Iterable[MessageInfo], address: int) -> list[MessageInfo
 
 
 class Senders:
-    """Who sends the parameter groups that are read: the address of the DBC, or the first one that is heard.
+    """Senders of the parameter groups that are read: the address of the DBC, or the first one that is received.
 
-    The first sender of a group keeps it, so that two packs which send the same group are never mixed. A frame from the
-    address of the DBC ends that: this address is then the sender.
+    The first sender of a group is kept, so that two packs with the same group are never mixed. A frame from the address
+    of the DBC changes this: this address is then the sender.
 
     Parameters
     ----------
     can_ids : iterable of int
         Identifiers that are read.
     known : iterable of int, optional
-        All parameter groups of the DBC. One that it has from two senders is told by these, and only by these.
+        All parameter groups of the DBC. A group with two senders in the DBC is read from these senders only.
 
     Examples
     --------
@@ -94,16 +94,16 @@ class Senders:
 
     @property
     def can_ids(self) -> list[int]:
-        """Identifiers of the DBC whose sender may be another."""
+        """Identifiers of the DBC whose sender may differ."""
         return list(self._named.values())
 
     @property
     def heard(self) -> dict[int, int]:
-        """Address that sends what the DBC has under an identifier, where it is not that of the DBC."""
+        """Address from which the frames of a DBC identifier come, where it is not the address in the DBC."""
         return {self._named[g]: i & 0xFF for g, i in self._sender.items() if i != self._named[g]}
 
     def named(self, frames: FrameBatch) -> FrameBatch:
-        """Give the frames of the senders the identifiers of the DBC."""
+        """Replace the identifiers of the senders' frames by those of the DBC."""
         if not len(self._groups) or not len(frames):
             return frames
         group = _groups_of(frames.can_id)

@@ -32,7 +32,7 @@ ASTRAY_K, ASTRAY_STEPS = 2.0, 6.0
 neighbours by so much within some seconds. A usual step is 1.1 standard deviations of the noise, and sensors of one
 string may differ in noise by a factor of four."""
 SOON_S = 10.0
-"""A sample that comes later is compared from its new place on: between rare frames a cell may leave its neighbours."""
+"""A later sample is compared from its new place on: between rare frames, a cell may leave its neighbours."""
 FAR_K, FAR_SPREADS = 4.0, 6.0
 """A level is far beyond this distance from the median, K, and beyond this many usual distances: strings at rest have
 even temperatures."""
@@ -100,13 +100,13 @@ class Neighbours:
         astray &= ~late
         far = asked & (np.abs(distance) > np.maximum(FAR_K, FAR_SPREADS * self._spread[group]))
         strays = asked & (self._step[c] >= STRAYS_K) & (self._away[group] >= AWAY_K)
-        # a channel that went astray is compared with its new place: a thermometer that was plugged in again stays there
+        # a channel that has left its place is compared at the new one: a thermometer that was plugged in stays there
         anew = astray | late | np.isnan(before)
         self._distance[c] = np.where(asked, np.where(anew, distance, before + (distance - before) / OVER), before)
         return Compared(astray, far, strays)
 
     def trust(self, c: Index | slice, accepted: Bools, stepped: Bools, step: Floats) -> None:
-        """Count what was accepted in a row, and follow how large a step usually is."""
+        """Count the samples accepted in a row, and update the usual size of a step."""
         trust, usual = self._trust[c], self._step[c]
         count = np.where(accepted, np.minimum(trust + 1, TRUSTED), 0)
         self._trust[c] = np.where(self._proof[c], count, trust)
@@ -118,9 +118,9 @@ class Neighbours:
         Parameters
         ----------
         level, home : ndarray (m,)
-            What each channel showed last, and its home; NaN for none.
+            Last value of each channel, and its home; NaN for none.
         updated : ndarray of bool (m,)
-            Which of them showed something in the interval.
+            Which of them had a sample in the interval.
         """
         if not (updated & (self._trust < TRUSTED)).any():
             return

@@ -20,7 +20,7 @@ def pack(messages: Sequence[MessageInfo]) -> str:
     Returns
     -------
     str
-        First a line of what signals share, then a line of each message. The same messages give the same text.
+        One line of shared content, then a line per message. The same messages give the same text.
     """
     shared: dict[str, int] = {}
     lines = [_json(list(_message(m, shared))) for m in messages]
@@ -39,7 +39,8 @@ def unpack(name: str, text: str) -> list[MessageInfo]:
     Raises
     ------
     ValueError, TypeError, IndexError
-        The text is not of `pack`. Texts that look like its are believed: whoever keeps them guards them.
+        The text is not from `pack`. Texts of the same form are not checked further: whoever stores them must protect
+        them.
     """
     kinds, *lines = [json.loads(line) for line in text.splitlines()]
     shared = [_Kind._make([*kind[:-1], dict(kind[-1])]) for kind in kinds]
@@ -48,7 +49,7 @@ def unpack(name: str, text: str) -> list[MessageInfo]:
 
 
 class _Head(NamedTuple):
-    """What a line tells of its message before the signals."""
+    """Part of a line about the message, before the signals."""
 
     name: str
     can_id: int
@@ -61,7 +62,7 @@ class _Head(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    """What many signals have in common."""
+    """Common part of many signals."""
 
     size: int
     big_endian: bool

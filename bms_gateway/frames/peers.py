@@ -57,7 +57,7 @@ class Peers:
         active : ndarray of bool
             Whether enough current flowed.
         updated, changed, lively : ndarray of bool (m,)
-            Which channels showed something, and something new, in the interval; which are noisy.
+            Which channels had a sample, and a new value, in the interval; which are noisy.
         """
         start, self._end_ns = self._end_ns, t1_ns
         others = self.others(updated)

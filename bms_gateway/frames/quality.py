@@ -1,10 +1,10 @@
-"""The quality of a value, which goes with it from the socket to the output frame."""
+"""The quality of a value, which accompanies it from the socket to the output frame."""
 
 from enum import IntEnum
 from typing import Final
 
 AVAILABLE_SD_K: Final = 12.0
-"""A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
+"""K: a core with a larger sd is sent as not available: it supports no decision, and the DBC's range ends there."""
 
 
 class Quality(IntEnum):
@@ -16,17 +16,17 @@ class Quality(IntEnum):
     OUT_OF_RANGE = 2
     """Outside the DBC's or the plausible range."""
     NOT_AVAILABLE = 3
-    """The sender said so (all ones, or a label of the value table)."""
+    """The sender says so (all ones, or a label of the value table)."""
     ERROR = 4
-    """The sender said that its sensor failed, or the frame was too short to hold the signal."""
+    """The sender says that its sensor failed, or the frame was too short to hold the signal."""
     STUCK = 5
-    """Not moved while everything around it did."""
+    """It has not moved while everything around it did."""
     OPEN = 6
-    """Reads as a broken wire does (upper rail)."""
+    """It reads like a broken wire (upper rail)."""
     SHORT = 7
-    """Reads as a short circuit or a missing sensor does (lower rail)."""
+    """It reads like a short circuit or a missing sensor (lower rail)."""
     JUMPY = 8
-    """Moves faster than the thing it measures can."""
+    """It moves faster than the measured quantity can."""
     COUNTER = 9
     """The alive counter repeated or skipped."""
     CRC = 10
@@ -34,6 +34,6 @@ class Quality(IntEnum):
     ESTIMATED = 11
     """No sensor of its own: a value from the model and its neighbours."""
     DOUBTFUL = 12
-    """An estimate whose core is not proven: its model file, or what is seen while driving, speaks against it."""
+    """An estimate whose core is not proven: its model file, or evidence while driving, contradicts it."""
     NEVER = 15
     """Nothing was ever received."""

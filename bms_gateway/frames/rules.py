@@ -1,4 +1,4 @@
-"""Limits of a channel by its quantity and its DBC signal: range, rails, steps, standing still, age."""
+"""Limits of a channel by its quantity and its DBC signal: range, rails, steps, constant values, age."""
 
 import math
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ class Rule:
     needs_proof : bool
         The channel is not used before it has moved.
     round_ns : int
-        Longest time from value to value where parts of a multiplexed message take turns; 0 for other signals. The
-        last value is then stale after some of the rounds that are seen, if that is later (`turns.Turns`).
+        Longest time from value to value if parts of a multiplexed message take turns; 0 for other signals. The last
+        value is then stale after some of the observed periods, if that is later (`freshness.Turns`).
     """
 
     quantity: Quantity
@@ -60,9 +60,9 @@ STUCK_COARSE_S, COARSE_K = 1800.0, 0.5
 PROOF_K = 0.05
 """Coarser signals may stand still for a whole drive: with this rule they would never be used."""
 FASTEST_CYCLES = 5
-"""Cycle times missed before a value is stale; a second where the DBC names no cycle time."""
+"""Missed cycle times after which a value is stale; a second if the DBC states no cycle time."""
 LONGEST_ROUND_NS = 60_000_000_000
-"""Of a multiplexer: a DBC may list thousands of parts, of which few are sent."""
+"""Most parts of a multiplexer: a DBC may list thousands, of which few are sent."""
 
 
 def default_rule(
@@ -73,19 +73,19 @@ def default_rule(
     group: int = 0,
     turns: int = 1,
 ) -> Rule:
-    """Choose the rule of a channel by its quantity and by what the DBC says of its signal.
+    """Choose the rule of a channel by its quantity and by its signal in the DBC.
 
     Parameters
     ----------
     quantity : Quantity
     info : SignalInfo or None
-        None where the resolution, range and cycle time are unknown.
+        None if the resolution, range and cycle time are unknown.
     scale, offset : float
         The channel's own: quantity = scale · decoded + offset.
     group : int
         Number of the string.
     turns : int
-        Frames of its message in which a multiplexed signal comes once.
+        Frames of its message per sample of a multiplexed signal.
     """
     this = INPUTS[quantity]
     lower, upper = this.plausible
@@ -125,7 +125,7 @@ def default_rule(
 
 
 def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
-    """Give the ends of the raw range, half a step inwards; none under J1939, where they mean not available."""
+    """Return the ends of the raw range, half a step inwards; none under J1939, where they mean not available."""
     if info is None or info.is_float or info.j1939:
         return -math.inf, math.inf
     low, high = info.raw_limits
@@ -134,7 +134,7 @@ def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float,
 
 
 def _ends(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
-    """Give the ends of the range of a current's signal, half a step inwards: there the sensor has left its range.
+    """Return the ends of the range of a current's signal, half a step inwards: there the sensor is out of range.
 
     Zero does not count as an end, because an unsigned current reads zero at rest.
     """

@@ -38,9 +38,9 @@ class SignalInfo:
     scale, offset : float
         Physical = raw · scale + offset.
     minimum, maximum : float or None
-        As declared, None where the DBC does not.
+        As declared; None if the DBC declares none.
     mux : tuple of Switch
-        From the outermost multiplexer inwards; empty for a signal that is in every frame.
+        From the outermost multiplexer inwards; empty for a signal in every frame.
     start_raw : float or None
         GenSigStartValue.
     j1939 : bool
@@ -87,7 +87,7 @@ class SignalInfo:
 
     @property
     def raw_valid(self) -> tuple[float, float]:
-        """Raw values that the declared range and the J1939 convention leave to measurements.
+        """Raw values for measurements, by the declared range and the J1939 convention.
 
         Rounded to whole raw steps with a slack of 1e-6 step: a declared 555.35 is the raw value 65535 of 0.01 − 100
         although neither number is exact in binary. -inf, inf where nothing is declared.
@@ -125,15 +125,15 @@ class MessageInfo:
     comment: str
     signals: Mapping[str, SignalInfo] = field(default_factory=dict)
     any_sender: bool = False
-    """Whether it is a parameter group of J1939, whose source address in the DBC binds nobody."""
+    """Whether it is a parameter group of J1939, which any address may send."""
 
     def turns(self, signal: SignalInfo) -> int:
-        """Count the frames of a round in which each multiplexed part comes once, with this signal in one of them.
+        """Count the frames of a period in which each multiplexed part comes once, with this signal in one of them.
 
         Returns
         -------
         int
-            1 for a signal that is in every frame. Nested multiplexers count as if all their values took turns.
+            1 for a signal in every frame. Nested multiplexers count as if all their values took turns.
         """
         count = 1
         for step in signal.mux:

@@ -1,10 +1,10 @@
 """Signals compiled for `decode`: the frames of each signal, its bits, scale and limits.
 
-A *node* is a set of signals that appear together: in every frame of an identifier, or in those whose multiplexer has
-one value. Nodes are found by a 64-bit key (switch << 32 | value); switch 0 is the identifier itself, the others are
-multiplexers. A node lists its signals and the multiplexers that select further nodes. Where no message has several
-independent multiplexers, an inner node repeats the signals of the outer ones: then each frame has just one node, found
-by following its multiplexers, and one with an unknown value keeps the outer node.
+A *node* is a set of signals that appear together: in every frame of an identifier, or in those with one value of its
+multiplexer. Nodes are found by a 64-bit key (switch << 32 | value); switch 0 is the identifier itself, the others are
+multiplexers. A node lists its signals and the multiplexers that select further nodes. If no message has several
+independent multiplexers, an inner node repeats the signals of the outer ones. Each frame then has just one node, found
+by following its multiplexers, and a frame with an unknown value keeps the outer node.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ class Nodes:
     needs : ndarray of int64 (K,)
         Bytes that a frame needs for all signals of the node.
     protected, id_crc : ndarray (K,)
-        Whether the node's message has end-to-end protection, and what its data ID adds to the check sum.
+        Whether the node's message has end-to-end protection, and the contribution of its data ID to the check sum.
     any_protected : bool
     """
 
@@ -55,7 +55,7 @@ class Nodes:
     any_protected: bool
 
     def find(self, key: NDArray[np.uint64]) -> tuple[Index, Index]:
-        """Positions in `key` that name a node, and the nodes."""
+        """Positions in `key` of nodes, and these nodes."""
         if not len(self.keys):
             return np.empty(0, np.intp), np.empty(0, np.intp)
         at = self.keys.searchsorted(key)
@@ -81,7 +81,7 @@ class Switches:
     several : bool
         Some message has independent multiplexers: its frames have several nodes, and none repeats another's signals.
     declared : ndarray of uint64
-        Sorted keys of all values of these multiplexers that the DBC knows, wanted or not.
+        Sorted keys of all values of these multiplexers in the DBC, wanted or not.
     """
 
     bits: BitFields
@@ -96,7 +96,7 @@ class Switches:
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """How the bits of P places become values.
+    """Conversion of the bits of P places to values.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Values:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How the raw values of P places are judged.
+    """Rules for the raw values of P places.
 
     Attributes
     ----------
@@ -189,13 +189,13 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class SignalTable:
-    """S signals, in the order they were asked for.
+    """S signals in the order of the request.
 
     Attributes
     ----------
     signals : tuple of SignalInfo (S,)
     can_ids : ndarray of uint32
-        Identifiers that carry one, ascending.
+        Identifiers that carry any of them, ascending.
     nodes : Nodes
     switches : Switches
     places : BitFields (P,)
@@ -231,7 +231,7 @@ class SignalTable:
         nodes = [tree.nodes[k] for k in keys]
         listed = [n for node in nodes for n in node.signals]
         infos = [signals[n] for n in listed]
-        # the longest message rules the number of words, with eight bytes as the least: the width of classic payloads
+        # the longest message determines the number of words, at least eight bytes: the width of classic payloads
         length = max([8, *(i.place.bytes_needed for i in infos), *(s.place.bytes_needed for s in tree.switch_infos)])
         words = (length + 7) // 8
         big = any(i.place.big_endian for i in (*infos, *tree.switch_infos))
@@ -315,7 +315,7 @@ class _Tree:
             self._hand_down(self.nodes[key], [])
 
     def _hand_down(self, node: _Node, outer: list[int]) -> None:
-        # a multiplexer under several outer values has its inner nodes visited more than once, with the same signals
+        # a multiplexer under several outer values has its inner nodes visited repeatedly, with the same signals
         node.signals[:0] = [n for n in outer if n not in node.signals]
         for w in node.switches:
             for key in sorted(k for k in self.nodes if k >> 32 == w + 1):
@@ -341,7 +341,7 @@ def _is_wide(info: SignalInfo) -> bool:
 
 
 def _representable(value: int, switch: SignalInfo) -> bool:
-    """Whether the multiplexer can ever show this value: a signed one has half the room."""
+    """Whether the multiplexer can have this value: a signed one has half the range."""
     low, high = switch.raw_limits
     return low <= value <= high
 

@@ -1,4 +1,4 @@
-"""The inputs: every quantity that a string may measure, with all that follows from its name.
+"""The inputs: every quantity that a string may measure, and everything that depends on its name.
 
 The keys of `[string.signals]`, the channels of the engine, the ranges of the guard, the columns of tables and records,
 the signals of the project's own DBC and the roles that `init` gives are all read from `INPUTS`.
@@ -12,10 +12,10 @@ from typing import Final, Literal
 __all__ = ["CELL", "CELL_COLUMNS", "INPUTS", "OPTIONAL", "SLOW", "WHOLE", "Input", "Kind", "Quantity"]
 
 Quantity = Literal["current", "coolant_inlet", "voltage", "soc", "coolant_flow", "surface", "cell_voltage"]
-"""What a channel measures: the keys of `INPUTS`."""
+"""Quantity of a channel: the keys of `INPUTS`."""
 
 Kind = Literal["current", "voltage", "temperature", "soc", "flow"]
-"""What is measured in the same units, and written in the same other units."""
+"""Quantities of one kind have the same units, also in DBC files."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,26 +28,26 @@ class Input:
     unit : str
         SI, °C for a temperature; empty for a share.
     plausible : (float, float)
-        What the guard believes.
+        Plausible range for the guard.
     column : str
-        Of a table, and of `Columns` without the number; `{}` is the number of the cell, from 1.
+        Column of a table, and of `Columns` without the number; `{}` is the number of the cell, from 1.
     needed : bool
-        Nothing is estimated of a string without it.
+        Whether a string cannot be estimated without it.
     electrical : bool
-        The bus carries it several times per tick, in one message with the current.
+        Whether the bus carries it several times per tick, in one message with the current.
     used_by : {"all", "effects", "cells"}
-        The strings whose estimators take it in: all; those whose models have effects; those whose cells are told apart.
+        Strings whose estimators use it: all; those whose models have effects; those whose single cells are identified.
     recorded : bool
-        Every string decodes it, for the record of recent signals, also where no estimator takes it in.
+        Whether every string decodes it, for the record of recent signals, also without an estimator that uses it.
     constant : (float, float) or None
-        Range of a constant that may stand in for it; None where it must be measured.
+        Range of a constant that may replace it; None if it must be measured.
     stands_in : {"unmeasured", "unheard", "start"}
-        When the constant is the value at a tick: where the string has no signal for it; also while nothing good comes
-        from the signal; never, because an estimator begins to count there.
+        When the constant is the value at a tick: if the string has no signal for it; also while the signal has no good
+        value; never, because it is only the start of a count.
     own : str or None
-        Signal in the project's own DBC, of string `k` and cell `c`; None where this DBC does not carry it.
+        Signal in the project's own DBC, of string `k` and cell `c`; None if this DBC has none.
     said : str
-        What help texts add to the column.
+        Addition to the column in help texts.
     """
 
     kind: Kind
@@ -65,7 +65,7 @@ class Input:
 
     @property
     def of_cells(self) -> bool:
-        """Whether each cell has its own."""
+        """Whether each cell has its own value."""
         return "{}" in self.column
 
     @property
@@ -127,7 +127,7 @@ INPUTS: Final[Mapping[Quantity, Input]] = MappingProxyType(
         "surface": Input(
             kind="temperature",
             unit="°C",
-            # −39 and −40 °C are what 8-bit signals show for a broken wire; above 150 no cell lives
+            # 8-bit signals show −39 and −40 °C for a broken wire; above 150 no cell exists
             plausible=(-38.5, 150.0),
             column="surface_{}_C",
             needed=True,
@@ -153,4 +153,4 @@ OPTIONAL: Final = tuple(name for name, i in INPUTS.items() if not i.needed)
 CELL_COLUMNS: Final[Mapping[str, str]] = MappingProxyType(
     {**{name: INPUTS[name].column for name in CELL}, "core": "core_{}_C"}
 )
-"""Columns of single cells. A measured core is a truth to compare with, not an input."""
+"""Columns of single cells. A measured core is a reference for comparison, not an input."""

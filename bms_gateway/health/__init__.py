@@ -1,4 +1,4 @@
-"""What the estimates mean: resistance growth, and what else could look like it; model mismatch."""
+"""Meaning of the estimates: growth of resistance, other causes that look like it, and model mismatch."""
 
 from bms_gateway.health.ageing import Ageing, History
 from bms_gateway.health.cell_growth import CellGrowth

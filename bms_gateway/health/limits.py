@@ -124,7 +124,7 @@ class Limit:
         self.fallen = np.zeros(cells, np.bool_)
         self.last, self._slow = np.full((2, cells), np.nan)
         self.last_s = np.full(cells, -np.inf)
-        # value and time from which the cell can have cooled; least value since the reading fell too fast
+        # a value and its time, from which the cell can have cooled since; least value since the reading fell too fast
         self._high, self._high_s, self._low = np.full(cells, np.nan), np.full(cells, -np.inf), np.full(cells, np.nan)
 
     @property
@@ -264,7 +264,7 @@ class Limits:
         surface, read = self.surface, np.isfinite(sensed.good)
         if not quiet and surface.over.any():
             self._broke |= surface.over & (sensed.failed if sensed.broken is None else sensed.broken)
-        ends = read & ~self.lost  # what failed in heat ends nothing before somebody has looked
+        ends = read & ~self.lost  # a sensor that failed in heat ends no alarm before a person has looked
         surface.update(now_s, sensed.good, ends, confirmed=sensed.confirmed, broke=self._broke)
         self._broke &= surface.over & ~read
         trusted = points.trusted & ~surface.over & ~surface.fallen & ~self.lost
@@ -343,7 +343,7 @@ class Limits:
                 now += f", was above the limit and is not known to be {COOLER_K:g} K below it"
         elif np.isfinite(self._points.value[at]):
             p = self._points
-            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
+            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (95 %; core {p.core[at]:.1f} °C)"
             if p.value[at] < limit.limit:
                 now += ", was above the limit and is not known to be below it again"
         else:

@@ -268,7 +268,7 @@ class SelfDischarge:
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none, or of another string.
+            `state` is not such a snapshot, or belongs to another string.
         """
         x, P = np.array(state["x"], np.float64), np.array(state["P"], np.float64)
         numbers = {k: nan if state[k] is None else float(state[k]) for k in ("level", "chord", "step", "charge")}

@@ -101,7 +101,7 @@ class StringHealth:
     known : bool
         Whether the model's numbers are the commissioned ones: they were fitted, or no identifier runs.
     mismatch : Mismatch, optional
-        This string's one of many that are judged together.
+        The mismatch of this string, one of many that are judged together.
     """
 
     def __init__(
@@ -116,11 +116,11 @@ class StringHealth:
         self.collector = Collector()
         self.trend: Trend | None = None
         self.flow_known = False
-        self._thermal = thermal and bool(model.sensors)
+        self.thermal = thermal and bool(model.sensors)
         self._frozen: dict[str, float] = {}
         self._pending = False
         self._identified = 0
-        if known and self._thermal:
+        if known and self.thermal:
             self._freeze({}, self._filed())
 
     @property
@@ -153,7 +153,7 @@ class StringHealth:
         bool
             Whether the string has just been commissioned.
         """
-        if self.commissioned or not self._thermal:
+        if self.commissioned or not self.thermal:
             return False
         self._identified = self._identified + 1 if identified else 0
         if self._identified < IDENTIFIED_WINDOWS:
@@ -179,7 +179,7 @@ class StringHealth:
         return self.model.parameters({s: self.model.priors[s].value * np.exp(x) for s, x in self._frozen.items()})
 
     def add(self, tick: Tick, current: float, soc: float, flow: float, electrical: float) -> HealthJob | None:
-        """Take in one tick; return a job if a window has ended.
+        """Include one tick; return a job if a window has ended.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class StringHealth:
             self.drift.took(kind, self.trend.left_out)
         if self.current.update(self.trend):
             moved.append(Change("current", self.current.flag.level, self.current.sentence()))
-        if doubted:  # the current of such a window is wrong: it tells nothing else
+        if doubted:  # the current of such a window is wrong: nothing else of it is used
             return moved
         if self.cooling.update(self.trend):
             moved.append(Change("cooling", self.cooling.flag.level, self.cooling.sentence(self.flow_known)))

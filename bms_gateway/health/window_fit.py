@@ -25,8 +25,9 @@ from functools import partial
 
 import numpy as np
 
-from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
+from bms_gateway.identify.inlet_noise import Sight, inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, Whitener, white_sd
+from bms_gateway.identify.quadratic import Quadratic
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.identify.window_start import (
     FRESH,
@@ -239,21 +240,19 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         H[q + 2 :, q + 2 :] += start_info
         g[q + 2 :] += start_info @ (s0 - xi[2:])
         if final or not k:
-            see = partial(_seen, late=late, white=whitener)
-            answer = slopes_by_noise([sets[0], *sets[2:]], STEP, len(square), w.dt, 1.0 + float(xi[0]), sensed, see)
+            sight = Sight(sensed, partial(_seen, late=late, white=whitener))
+            answer = slopes_by_noise([sets[0], *sets[2:]], STEP, len(square), w.dt, 1.0 + float(xi[0]), sight)
             by_noise = inlet_noise(w.inlet, w.dt) ** 2 * answer
         g[1:FIRST_OFFSET] += by_noise[:-1]
         g[q] += of_swing(float(by_noise[-1]), float(M[q, q]))
-        step = np.linalg.solve(H, g)
+        step = Quadratic(H, g).step
         step[:FIRST_OFFSET] = np.clip(step[:FIRST_OFFSET], -FARTHEST, FARTHEST)
         theta, xi = theta + step[:q], xi + step[q:]
         near = float(step @ H @ step) < SETTLED
         if near and searched:
             break
-    q = len(theta)
-    info = H[:q, :q] - H[:q, q:] @ np.linalg.solve(H[q:, q:], H[q:, :q])
-    cov = np.linalg.inv(info)
-    moved = np.asarray(-np.linalg.solve(H, g_B)[:q], dtype=np.float64)
+    told = Quadratic(H, -g_B).marginal(np.arange(len(theta)))  # also the derivative of the result by B
+    cov, moved = np.linalg.inv(told.H), told.step
     weight = w.square / max(float(w.square.sum()), 1e-9)
     return Observed(
         theta, 0.5 * (cov + cov.T), B, moved, float(weight @ exponent), float(weight @ core), w.soc, w.flow,
@@ -274,7 +273,7 @@ def _seen(Y: Floats, late: Floats, white: Whitener) -> Floats:
 def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
     """Slopes of the readings (K, m, 5 + m + 2 + 2n) by θ, the inlet's gain, the cells' differences and the start."""
     by_input = at_readings(R.surface_by_input, late)
-    by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by how warm the core is taken to be
+    by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by the core temperature that weights the heat
     moved = (f[:, :, 1:] - f[:, :, :1]) / STEP
     by_theta[:, :, 1:] += moved[:, :, :-1]
     offsets = np.broadcast_to(np.eye(m), (len(f), m, m))
@@ -311,8 +310,7 @@ def _likeliest_whitener(
         A = W(both).reshape(-1, both.shape[2])
         M = A.T @ A
         H = M[:-1, :-1] + 1e-6 * np.diag(np.diag(M)[:-1] + 1.0)
-        score = 0.5 * (M[-1, -1] - M[:-1, -1] @ np.linalg.solve(H, M[:-1, -1])) + 0.5 * W.log_det
-        score += 0.5 * float(np.linalg.slogdet(H)[1])
+        score = Quadratic(H, M[:-1, -1]).integrated(float(M[-1, -1]) + W.log_det)
         if score < best:
             best, chosen, size = score, W, slow
     assert chosen is not None  # noqa: S101 - the first of the sizes is better than infinity

@@ -1,4 +1,4 @@
-"""Parameters from measurements: the paper's regression as reference, windowed output error for the road."""
+"""Parameters from measurements: the paper's regression as a reference, the windowed output-error fit for driving."""
 
 from bms_gateway.identify.contract import (
     FIXED_OFFLINE,
@@ -36,26 +36,24 @@ __all__ = [
 ]
 
 
-def build(method: str, model: StringModel, settings: Settings | None = None) -> Identifier:
+def build(method: str, model: StringModel) -> Identifier:
     """Make the identifier that a string asks for.
 
     Parameters
     ----------
     method : {"window", "rls", "off"}
     model : StringModel
-        One whose effects change more than the heat in the cores keeps its numbers, whatever the method: these know two
-        nodes and I²R_e, and would take the effect for another resistance. See `window_effects`.
-    settings : Settings or None
-        Of the windowed method; the others have none.
+        If its effects change more than the heat in the cores, its numbers are kept with every method: the methods know
+        two nodes and I²R_e, and would mistake the effect for a change of resistance. See `window_effects`.
 
     Raises
     ------
     ValueError
-        Unknown method: the caller's mistake, as the config was checked before.
+        Unknown method: an error of the caller, because the configuration was checked before.
 
     References
     ----------
-    Lin et al., Eq 3–9 for "rls"; "window" is ours.
+    Lin et al., Eq 3–9 for "rls"; "window" is not in the paper.
     """
     if model.effects and method != "off":
         from bms_gateway.identify.window_effects import heat_only  # brings the catalogue along
@@ -63,7 +61,7 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
         if method != "window" or not heat_only(model):
             return FixedIdentifier(model, FIXED_OFFLINE)
     if method == "window":
-        return WindowIdentifier(model, settings)
+        return WindowIdentifier(model)
     if method == "rls":
         from bms_gateway.identify.recursive import RecursiveIdentifier  # few strings ask for it
 

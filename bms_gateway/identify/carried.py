@@ -1,16 +1,16 @@
-r"""Effects that every real cell may have, carried by every window's fit whether or not the model file names them.
+r"""Effects that every real cell may have; every window's fit carries them, whether or not the model file names them.
 
-A window knows two nodes a cell, I²R_e and a coolant. A real cell loses heat from its ends, cools a little with its
-entropy, has its heat spread over its radius, and its thermocouple feels the air. What a fit does not carry, it pays in
-R_c, R_u and the capacities, with full confidence. So each effect below has a coefficient v with the prior N(0, 1), in
-units of the size that is usual for cells of vehicles. The surfaces are linear in v as long as the effects are small:
+A window's model has two nodes per cell, I²R_e and a coolant. A real cell also loses heat from its ends, cools a little
+by its entropy and distributes its heat over its radius, and its thermocouple is influenced by the air. Without these
+effects, a fit would change R_c, R_u and the capacities instead, with full confidence. So each effect below has a
+coefficient v with the prior N(0, 1), in units of its usual size in cells of vehicles. The surfaces are linear in v as
+long as the effects are small:
 
 .. math::
     y = f(\varphi, \xi) + \sum_j v_j \, c_j(t)
-
-with c_j the response of the string to the heat, the flow into the casing, or the error of the reading that the effect
-makes along the undisturbed trajectory. The responses are slow against the steps of the bus, so they are simulated in
-steps of about `STEP_S`.
+with c_j the response of the string along the undisturbed trajectory: to the effect's heat, to its flow into the casing,
+or to its error of the reading. The responses are slow against the steps of the bus, so they are simulated in steps of
+about `STEP_S`.
 
 Beyond Lin et al., Eq 1 and 18.
 """
@@ -33,14 +33,14 @@ from bms_gateway.thermal import (
 
 STEP_S = 8.0
 LEAST_SHARE, MOST_SHARE = 0.03, 0.95
-"""Of R_c within the roll: a smaller share is one node, a larger one leaves no resistance to the casing."""
+"""Limits of the roll's share of R_c: a smaller share is one node, a larger one leaves no resistance to the casing."""
 ROLL_MEDIAN, ROLL_SPREAD = 2.0, 1.5
-"""Of the share, on a logistic scale: 0.14 in the middle, 0.04 to 0.70 within 2 sd."""
+"""Logistic prior of the share: 0.14 in the middle, 0.04 to 0.70 within 2 sd."""
 KELVIN = 273.15
 LEAST_W = 0.05
-"""Mean heat of a cell below which nothing is compared with it."""
+"""Mean heat of a cell below which the shares of heat are not computed."""
 CAPACITY_AH = 8.0
-"""Where the model does not say: the slope of the entropy over the charge needs its order of magnitude only."""
+"""Capacity if the model has none: the slope of the entropy over the charge needs only its order of magnitude."""
 
 NAMES = (
     "heat_gain",  # of heat from voltage, by `HEAT_GAIN_SD`
@@ -57,16 +57,16 @@ NAMES = (
     "roll",  # heat of the roll is spread over its radius
 )
 ROLL_AT = NAMES.index("roll")
-"""No response to be added, but a state of each cell (`thermal.roll`): a large share is no multiple of a small one."""
+"""The roll is no response to be added but a state of each cell (`thermal.roll`): it is not linear in its share."""
 
 
 def roll_share(v: float) -> float:
-    """Share of R_c that lies within the jelly roll, by its coefficient v; the rest is contact to the casing."""
+    """Share of R_c within the jelly roll, from its coefficient v; the rest is contact to the casing."""
     return LEAST_SHARE + (MOST_SHARE - LEAST_SHARE) / (1.0 + math.exp(ROLL_MEDIAN - ROLL_SPREAD * v))
 
 
 def roll_bend(v: float) -> float:
-    """Second over first derivative of `roll_share`: how far the response to v is from a straight line.
+    """Second over first derivative of `roll_share`: the curvature of the response to v.
 
     Examples
     --------
@@ -81,14 +81,14 @@ def roll_bend(v: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What drives the carried effects in a window of K ticks, in C coarse steps of `per` ticks.
+    """Inputs of the carried effects in a window of K ticks, in C coarse steps of `per` ticks.
 
     Attributes
     ----------
     square, heat, current, magnitude, charging : ndarray (C,)
         Means of I², of the heat from voltage (W), of I, of |I|, and of I² while charging.
     charge : ndarray (C,)
-        Charge moved by the middle of each step, over the capacity, about the mean of these.
+        Charge moved until the middle of each step, over the capacity, about the mean of these values.
     inlet : ndarray (C + 1,), °C
     dt : float, s
         Of a coarse step.
@@ -108,7 +108,7 @@ class Course:
 
     @classmethod
     def of(cls, square: Floats, heat: Floats, current: Floats, inlet: Floats, dt: float, capacity: float) -> "Course":
-        """Take means over the coarse steps; the last one may hold fewer ticks and is taken for a whole one."""
+        """Take means over the coarse steps; the last step may hold fewer ticks and counts as a whole one."""
         K = len(square)
         per = max(1, min(round(STEP_S / dt), K))
         first = np.arange(0, K, per)
@@ -118,14 +118,14 @@ class Course:
             return np.asarray(np.add.reduceat(x, first) / count, dtype=np.float64)
 
         step = mean(current) * per * dt / 3600.0 / capacity
-        moved = np.cumsum(step) - step / 2.0  # to the middle of each: its end would go with the current's square
+        moved = np.cumsum(step) - step / 2.0  # to the middle of each step: at its end, it would correlate with I²
         return cls(
             mean(square), mean(heat), mean(current), mean(np.abs(current)), mean(square * (current < 0.0)),
             moved - moved.mean(), inlet[np.minimum(np.append(first, first[-1] + per), K)], per * dt, per, K,
         )  # fmt: skip
 
     def at_ticks(self, coarse: Floats) -> Floats:
-        """Values (K + 1, …) at the ticks' instants on straight lines between those (C + 1, …) at the coarse ones."""
+        """Values (K + 1, …) at the ticks' instants, interpolated between those (C + 1, …) at the coarse steps."""
         at = np.arange(self.ticks + 1) / self.per
         k = np.minimum(at.astype(np.intp), len(coarse) - 2)
         share = (at - k).reshape(-1, *(1,) * (coarse.ndim - 1))
@@ -134,18 +134,17 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What one unit of each carried effect does in a window, in the order of `NAMES`.
+    """Result of one unit of each carried effect in a window, in the order of `NAMES`.
 
     Attributes
     ----------
     readings : ndarray (K + 1, m, v), K
         At the ticks' instants.
     shares : ndarray (2, v)
-        Mean heat into the cores over the window's mean heat, and mean flow into the casings over what the coolant
-        takes: what the effects change R_e, or the gain of heat from voltage, and R_u by, for an observer that does not
-        know them.
+        Mean heat into the cores over the window's mean heat, and mean flow into the casings over the flow to the
+        coolant. An observer without the effects has R_e (or the gain of heat from voltage) and R_u changed by these.
     last : ndarray (2n, v), K
-        Cores and casings at the end; what only thermocouples feel is not in it.
+        Cores and casings at the end, without errors of the thermocouples.
     """
 
     readings: Floats
@@ -160,7 +159,7 @@ class Carried:
 def columns(
     p: StringParameters, course: Course, x0: Floats, surface: Floats, sensed: list[int], dt: float
 ) -> "Carried":
-    """Find what one unit of each carried effect adds to the readings.
+    """Compute the addition of one unit of each carried effect to the readings.
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def columns(
     course : Course
         Of K ticks.
     x0 : ndarray (2n,), °C
-        Where the window begins.
+        Temperatures at the beginning of the window.
     surface : ndarray (K + 1, m), °C
         Undisturbed surfaces of the sensed cells at the ticks' instants.
     sensed : list of int
@@ -217,7 +216,7 @@ def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floa
     core, casing = out[:, :n], out[:, n:]
     square, heat = u.square[:, None], u.heat[:, None]
     rms = float(np.sqrt(np.mean(u.square)))
-    ohmic = square > 0.0  # elsewhere the heat comes from the voltage, which has these losses in it
+    ohmic = square > 0.0  # otherwise the heat comes from the voltage, which includes these losses
     reversible = u.current[:, None] * (T_c + KELVIN)
     over, cooled = T_s - T_f, film(p)
     core[:, :, 0] = HEAT_GAIN_SD * heat * (p.R_e / np.mean(p.R_e))

@@ -1,4 +1,4 @@
-"""Cells told apart once, kept in the string's model, and taken from there: a commissioning run's way to the gateway.
+"""R_e of single cells from a commissioning run: how the model file keeps them, and how the gateway reads them.
 
 Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
@@ -12,8 +12,8 @@ from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, number
 from bms_gateway.thermal import KINDS, Commissioning, Floats, Prior, StringModel
 
 GROWN = 0.15
-"""How far the cells' common R_e may go in a vehicle's life, relative. With less, the road's identification would take
-growth for an error of its readings: it would follow by half, and no ageing would be told."""
+"""Relative change of the cells' common R_e in a vehicle's life. With a smaller value, identification while driving
+would take growth for an error of its readings: it would follow by half, and ageing would not be reported."""
 LEAST_SD = 1e-6
 """Zero would mean fixed."""
 
@@ -24,7 +24,7 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     Parameters
     ----------
     model : StringModel
-        What it holds for known before any data stays in `before`.
+        The knowledge before any data is kept in its `before`.
     fit : CellFit
         At nominal flow.
     electrical : ndarray (n,), Ω
@@ -33,7 +33,7 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     Returns
     -------
     StringModel
-        Values per cell; `rel_sd` is how far what the cells have in common may be from them in later years.
+        Values per cell; `rel_sd` is the change in later years that the cells may have in common.
     """
     layout = fit.layout
     sd = np.sqrt(np.diag(fit.cov))
@@ -63,12 +63,12 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     )
     if out.posterior is None:
         return out
-    values, spread = out.free_numbers  # what speaks against its cores does so still
+    values, spread = out.free_numbers  # evidence against its cores remains
     return replace(out, posterior=replace(out.posterior, values=values, sd=spread))
 
 
 def baseline_of(model: StringModel) -> Baseline | None:
-    """Take what a commissioning run left from the model; None where there was none, or of another structure."""
+    """Read the result of a commissioning run from the model; None without one, or with one of another structure."""
     layout, told = Layout.of(model), model.commissioning
     if told is None or model.effects or told.names != layout.labels:
         return None
@@ -76,7 +76,7 @@ def baseline_of(model: StringModel) -> Baseline | None:
 
 
 def numbers_kept(model: StringModel) -> CellNumbers | None:
-    """Numbers of the cells as an observer takes them before anything is measured; None without a commissioning run."""
+    """Numbers of the cells with which an observer starts; None without a commissioning run."""
     baseline = baseline_of(model)
     return None if baseline is None else numbers_of(model, _today(model, baseline))
 
@@ -91,7 +91,7 @@ def _baseline(model: StringModel, layout: Layout, told: Commissioning) -> Baseli
 
 
 def _today(model: StringModel, baseline: Baseline) -> CellFit:
-    """Posterior of the run, wider by what cells may have aged since."""
+    """Posterior of the run, widened by possible ageing of the cells since."""
     n = model.cells
     prior = baseline.prior(np.full(n, np.nan), np.zeros(n), CellSettings())
     cov = np.linalg.inv(prior.precision)
@@ -99,7 +99,7 @@ def _today(model: StringModel, baseline: Baseline) -> CellFit:
 
 
 def _rounded(x: Floats, symbol: str) -> Floats:
-    """Six significant digits of the number shown: far below what is known, and a file that can be read."""
+    """Round the shown number to six significant digits: far more exact than it is known, and readable in a file."""
     kind = KINDS[symbol]
     out = np.array([float(f"{v / kind.to_si:.6g}") * kind.to_si for v in x])
     return np.asarray(np.clip(out, kind.lower, kind.upper), dtype=np.float64)

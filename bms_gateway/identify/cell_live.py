@@ -1,8 +1,8 @@
-"""R_e of each cell while driving: ticks are collected, a fit is a job, its numbers go to the observer.
+"""R_e of each cell while driving: ticks are collected, a job fits them, and the observer takes the result.
 
-One record lasts an hour and a half and is fitted three times on the way, each time as a whole. Where it ends, its
-posterior is the next record's prior (`Baseline`): joints and thermal resistances are learnt once, only changes later.
-Strings whose cells' voltages are not on the bus are left alone: two surfaces do not tell five cells.
+One record lasts an hour and a half. It is fitted three times on the way, each time as a whole. At its end, its
+posterior becomes the next record's prior (`Baseline`): joints and thermal resistances are learnt once, later only
+changes. Strings without cell voltages on the bus are not fitted: two surfaces do not determine five cells.
 
 Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
@@ -22,20 +22,21 @@ from bms_gateway.identify.contract import Estimate, Posterior, Tick
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
 from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
-from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
+from bms_gateway.identify.stretch import Stretch
+from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 MILESTONES_S = (1800.0, 3600.0, 5400.0)
-"""Lengths at which a record is fitted; it ends with the last."""
+"""Lengths at which a record is fitted; the last one ends it."""
 STALE_S = 1.5 * MILESTONES_S[-1]
-"""Of driving without a fit, as when the voltages have ceased: what is common to the cells goes on, and is better."""
+"""Driving time without a fit (as when the voltages are lost) after which the common parameters are more accurate."""
 FLOW_MOVED = 0.05
 """Change of ln(flow ratio) within a record that ends it: C_f is one number per record."""
 
 
 @dataclass(frozen=True, slots=True)
 class CellResult:
-    """What a job found, and whether its record is over."""
+    """Result of a job, and whether its record is over."""
 
     fit: CellFit
     resistance: Floats
@@ -45,7 +46,7 @@ class CellResult:
 
 @dataclass(frozen=True, slots=True)
 class CellJob:
-    """One record's fit, complete in itself; `flow` is its coolant flow over nominal."""
+    """One record's fit with all its data; `flow` is its coolant flow over nominal."""
 
     model: StringModel
     record: CellRecord
@@ -58,7 +59,7 @@ class CellJob:
     over: bool
 
     def run(self) -> CellResult:
-        """Fit; the same job gives the same result to the last bit. Everything in the result is at nominal flow."""
+        """Fit the record; the same job gives the same result to the last bit. Its numbers are at nominal flow."""
         ln = float(np.log(self.flow))
         priors, guess, baseline = dict(self.model.priors), dict(self.guess), self.baseline
         if "C_f" in priors and ln != 0.0:
@@ -96,7 +97,7 @@ class CellIdentifier:
     Parameters
     ----------
     model : StringModel
-        More than one cell, no effects. What a commissioning run left in it is the first record's prior.
+        More than one cell, no effects. The result of a commissioning run in it is the first record's prior.
     disturbance : Disturbance, optional
     settings : CellSettings, optional
     """
@@ -104,7 +105,7 @@ class CellIdentifier:
     def __init__(
         self, model: StringModel, disturbance: Disturbance | None = None, settings: CellSettings | None = None
     ) -> None:
-        # plain dicts: a job must pickle, and read-only views of mappings do not
+        # plain dicts, because a job must be picklable and read-only mapping views are not
         self._model = replace(model, priors=dict(model.priors), tolerances=dict(model.tolerances))
         settings = settings or CellSettings()
         self._settings = replace(settings, spread=dict(settings.spread))
@@ -115,15 +116,11 @@ class CellIdentifier:
         self._baseline = baseline_of(model)
         self._pending = False
         self._warning = ""
-        self._since = 0.0  # seconds awake since the last fit
+        self._since = 0.0  # seconds of awake time since the last fit
         self._clear()
 
     def _clear(self) -> None:
-        self._square: list[float] = []
-        self._inlet: list[float] = []
-        self._readings = Gathered()
-        self._dt = 1.0
-        self._held = (0.0, 0.0)
+        self._ticks = Stretch(([],))  # I², A²
         self._flow = 1.0
         self._fitted_s, self._next_s = 0.0, MILESTONES_S[0]
         self._heard = False
@@ -132,7 +129,7 @@ class CellIdentifier:
     def add(
         self, tick: Tick, pairs: PairMeans | None, current: float, flow_ratio: float, common: Callable[[], Posterior]
     ) -> CellJob | None:
-        """Take in one tick.
+        """Include one tick.
 
         Parameters
         ----------
@@ -144,7 +141,7 @@ class CellIdentifier:
         flow_ratio : float
             Coolant flow over nominal; NaN where unknown.
         common : callable
-            Gives what is known of the parameters common to the cells: where a first fit begins to search.
+            Returns the posterior of the common parameters, where the first fit begins to search.
 
         Returns
         -------
@@ -153,28 +150,23 @@ class CellIdentifier:
         job = None
         self._since += min(tick.dt, GAP_S)
         ratio = flow_ratio if flow_ratio > 0.0 else self._flow
-        moved = bool(self._square) and ratio != self._flow and abs(log(ratio / self._flow)) > FLOW_MOVED
-        if tick.dt > GAP_S or moved or (self._square and abs(tick.dt - self._dt) > 1e-6):
+        moved = len(self._ticks) > 0 and ratio != self._flow and abs(log(ratio / self._flow)) > FLOW_MOVED
+        if tick.dt > GAP_S or moved or self._ticks.steps_otherwise(tick.dt):
             job = self._close(common)
-        blind, still = self._held
-        blind = blind + tick.dt if isnan(tick.mean_square_current) else 0.0
-        still = still + tick.dt if isnan(tick.inlet) else 0.0
-        if blind > HOLD_CURRENT_S or still > HOLD_INLET_S:
+        begins = not self._ticks.inlet
+        square = tick.mean_square_current
+        taken = self._ticks.add(tick, None if isnan(square) else (square,), (0.0,))
+        if taken == "lost":
             return job or self._close(common)
-        if not self._inlet:
-            if blind == still == 0.0:
-                self._inlet, self._flow = [tick.inlet], ratio  # the instant from which the record runs
+        if taken == "waits":
+            if self._ticks.inlet and begins:
+                self._flow = ratio
             return job
-        self._held, self._dt = (blind, still), tick.dt
-        last = self._square[-1] if self._square else 0.0
-        self._square.append(last if blind else tick.mean_square_current)
-        self._inlet.append(self._inlet[-1] if still else tick.inlet)
-        self._readings.add(tick.surface, tick.age)
         self._heard |= pairs is not None
         self._sums.update(pairs, current, tick.dt)
-        seconds = len(self._square) * tick.dt
+        seconds = self._ticks.length_s
         if not self._heard and seconds >= MILESTONES_S[0] / 2.0:
-            self._clear()  # no voltages on this bus: nothing is kept for a fit that will not be
+            self._clear()  # no voltages on this bus: there will be no fit
             return job
         if seconds >= self._next_s:
             over = seconds >= MILESTONES_S[-1]
@@ -186,18 +178,19 @@ class CellIdentifier:
         return job
 
     def _close(self, common: Callable[[], Posterior]) -> CellJob | None:
-        """End the record; a job if it tells more than its last fit."""
-        seconds = len(self._square) * self._dt
+        """End the record; return a job if the record has data beyond its last fit."""
+        seconds = self._ticks.length_s
         job = self._job(common, over=True) if seconds >= max(MILESTONES_S[0], 1.2 * self._fitted_s) else None
         self._clear()
         return job
 
     def _job(self, common: Callable[[], Posterior], over: bool) -> CellJob | None:
-        electrical = self._sums.result(self._dt)
+        ticks = self._ticks
+        electrical = self._sums.result(ticks.dt)
         if self._pending or 2 * int(np.isfinite(electrical.value).sum()) < self._model.cells:
             return None
-        surface, age, read = self._readings.read()
-        record = CellRecord(np.array(self._square), np.array(self._inlet), surface, age, self._dt, read)
+        surface, age, read = ticks.readings.read()
+        record = CellRecord(np.array(ticks.of_ticks[0]), np.array(ticks.inlet), surface, age, ticks.dt, read)
         if not record.sensed:
             return None
         self._pending = True
@@ -216,11 +209,11 @@ class CellIdentifier:
         )
 
     def accept(self, result: CellResult) -> None:
-        """Take back the result of the last job."""
+        """Use the result of the last job."""
         self._pending, self._warning = False, result.warning
-        if result.fit.doubt > HOPELESS:  # nothing is learnt; what was known of the cells may have become wrong too
+        if result.fit.doubt > HOPELESS:  # nothing is learnt; earlier knowledge of the cells may be wrong too
             self._fit = None
-            self._clear()  # what the model does not explain would spoil the record's later fits as well
+            self._clear()  # what the model does not explain would spoil the later fits of this record too
             return
         self._since = 0.0
         self._fit, self._resistance = result.fit, result.resistance
@@ -234,21 +227,21 @@ class CellIdentifier:
 
     @property
     def warning(self) -> str:
-        """A sentence where the voltages' skew spoils the fit; empty otherwise."""
+        """A sentence if the voltages' skew spoils the fit; empty otherwise."""
         return self._warning
 
     def numbers(self) -> CellNumbers | None:
-        """Give what the observer may take into use: all cells' R_e are identified, and not long ago; None otherwise."""
+        """Numbers for the observer if all cells' R_e are identified and the fit is recent; None otherwise."""
         if self._fit is None or self._since > STALE_S or self._fit.rel_sd.max() > self._settings.good_sd:
             return None
         return numbers_of(self._model, self._fit)
 
     def estimates(self) -> tuple[Estimate, ...]:
-        """Knowledge so far: `R_e_1` … `R_e_n`, empty before the first fit."""
+        """Estimates `R_e_1` … `R_e_n`, empty before the first fit."""
         return () if self._fit is None else cell_estimates(self._fit, self._settings, self._resistance)
 
     def snapshot(self) -> dict[str, Any]:
-        """Knowledge as JSON-able values; the record under way is not kept."""
+        """State as JSON-able values, without the current record."""
         return {
             "names": [list(name) for name in Layout.of(self._model).names],
             "fit": None if self._fit is None else _plain(self._fit.mean, self._fit.cov),
@@ -265,7 +258,7 @@ class CellIdentifier:
         Raises
         ------
         StateError
-            It is another structure's, or not finite.
+            The snapshot belongs to another structure, or is not finite.
         """
         layout = Layout.of(self._model)
         if state.get("names") != [list(name) for name in layout.names]:
@@ -273,7 +266,7 @@ class CellIdentifier:
         p = len(layout.names)
         fit, baseline = (_taken(state[key], p) for key in ("fit", "baseline"))
         self._resistance = _array(state["resistance"], self._model.cells)
-        if fit is not None:  # what was known before is not kept: the posterior stands for it
+        if fit is not None:  # the posterior replaces the earlier prior
             prior = CellPrior(fit[0], np.asarray(np.linalg.pinv(fit[1], hermitian=True), dtype=np.float64))
             sensed = tuple(int(k) for k in state["sensed"])
             self._fit = CellFit(layout, *fit, prior, 1.0, 1.0, sensed, 0.0)

@@ -1,14 +1,14 @@
-r"""What is known of the cells of a string before its temperatures: alike, not equal, and what their voltages say.
+r"""Prior of the cells of a string: they are similar but not equal, and their voltages give more information.
 
-Logarithms θ of R_e, R_u, R_c, C_c of each cell and of C_s, R_cc, C_f of the string. A symbol's cells scatter about a
-mean that is itself uncertain, so its covariance is σ² 11ᵀ + δ² I. Cell voltages add, with R_el of each cell from the
-energy balance (`electrical`),
+θ: logarithms of R_e, R_u, R_c, C_c of each cell and of C_s, R_cc, C_f of the string. A symbol's cells scatter about a
+mean that is itself uncertain, so its covariance is σ² 11ᵀ + δ² I. Cell voltages give R_el of each cell from the energy
+balance (`electrical`), and then
 
 .. math::
     \ln R_{e,k} = \ln R_{el,k} + \ln\rho + \epsilon_k
 
-where ρ is common to the cells (gain of the current sensor, reversible heat) and ε_k is a cell's own: welds and busbars
-inside the sense loop, and a skew between its samples and the current's.
+where ρ is common to the cells (gain of the current sensor, reversible heat) and ε_k belongs to one cell: welds and
+busbars inside the sense loop, and the time skew between its samples and those of the current.
 
 Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
@@ -22,15 +22,15 @@ import numpy as np
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 PER_CELL = ("R_e", "R_u", "R_c", "C_c")
-"""Symbols with a value of each cell's own; the others are the string's."""
+"""Symbols with one value per cell; the others have one value per string."""
 AGED_TOGETHER, AGED_APART = 0.05, 0.03
-"""How far R_e moves between a commissioning run and later, relative: all cells, and each on its own."""
+"""Relative change of R_e after a commissioning run: of all cells in common, and of each cell by itself."""
 FOLLOWED = 0.01
-"""The same for a cell whose change is told by its voltage: joints cancel, temperature and charge do not quite."""
+"""The same for a cell whose change is measured by its voltage: joints cancel; temperature and charge do not fully."""
 FOULED = 0.03
-"""How far R_u moves: filters clog."""
+"""Relative change of R_u: filters clog."""
 SPREAD: Mapping[str, float] = MappingProxyType({"R_e": 0.10, "R_u": 0.05, "R_c": 0.03, "C_c": 0.02})
-"""How unlike cells are, relative: aged cells of one make behind one fan."""
+"""Relative scatter of cells: aged cells of one make behind one fan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +44,20 @@ class CellSettings:
     offset_sd : float, K
         Constant offset of a surface sensor.
     ratio_sd : float
-        Sd of ln ρ, heat per electrical resistance, about `ratio`. Energy balance leaves little beside the current
-        sensor's gain (which enters heat twice and R_el once), the voltage's and reversible heat; pulse resistances
-        would be off by tens of per cent.
+        Sd of ln ρ, heat per electrical resistance, about `ratio`. With the energy balance, it comes from the gains of
+        the current sensor (which enters heat twice and R_el once) and of the voltage, and from reversible heat. Pulse
+        resistances would differ by tens of per cent.
     ratio : float
         Median of ρ.
     joint_sd : float
-        Sd of ε: 3 % where the joints inside the sense loops are not known, 1 % where they are.
+        Sd of ε: 3 % if the joints inside the sense loops are unknown, 1 % if they are known.
     skew_s : float, s
-        Largest time by which a cell's voltage may be stamped off against the current.
+        Largest error of the time stamps of a cell's voltage against the current.
     block_s : float, s
-        Readings are averaged over this; short against the cells' slow pole.
+        Readings are averaged over this time; short against the cells' slow time constant.
     good_sd : float
-        Relative sd up to which a cell's R_e is called identified: what a drive's noise lets two sensors reach, and
-        well below the scatter between cells.
+        Relative sd up to which a cell's R_e is called identified: two sensors reach it with the noise of a drive, and
+        it is well below the scatter between cells.
     """
 
     spread: Mapping[str, float] = field(default_factory=lambda: dict(SPREAD))
@@ -78,7 +78,7 @@ class Layout:
     ----------
     cells : int
     names : tuple of (symbol, cell)
-        Cell from 0, or −1 for a number of the string. Fixed ones are not in it.
+        Cell from 0, or −1 for a number of the string. Fixed numbers are not included.
     """
 
     cells: int
@@ -86,7 +86,7 @@ class Layout:
 
     @classmethod
     def of(cls, model: StringModel) -> "Layout":
-        """Collect what is to be found of a string; R_e is, even where the model fixes its mean."""
+        """Collect the free numbers of a string; R_e is free even if the model fixes its mean."""
         more = (("R_cc",) if model.has_conduction else ()) + (("C_f",) if model.has_coolant_path else ())
         free = [s for s in (*PER_CELL, "C_s", *more) if s == "R_e" or not model.priors[s].fixed]
         cells = range(model.cells)
@@ -98,11 +98,11 @@ class Layout:
         return tuple(s if k < 0 else f"{s}:{k + 1}" for s, k in self.names)
 
     def at(self, symbol: str) -> list[int]:
-        """Find the places of a symbol."""
+        """Return the places of a symbol."""
         return [i for i, (s, _) in enumerate(self.names) if s == symbol]
 
     def parameters(self, model: StringModel, theta: Floats) -> StringParameters:
-        """Numbers of the string at θ; C_s of unlike cells keeps its ratios."""
+        """Parameters of the string at θ; the ratios between the cells' C_s are kept."""
         values: dict[str, float | Floats] = {}
         for symbol in dict.fromkeys(s for s, _ in self.names):
             x = np.exp(theta[self.at(symbol)])
@@ -125,7 +125,7 @@ class CellPrior:
     precision: Floats
 
     def with_electrical(self, at: list[int], resistance: Floats, rel_sd: Floats, settings: CellSettings) -> "CellPrior":
-        """Add what the cells' electrical resistances say.
+        """Add the information of the cells' electrical resistances.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ def cell_prior(model: StringModel, layout: Layout, settings: CellSettings) -> Ce
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What a commissioning run left: all surfaces sensed once, two of them later.
+    """Result of a commissioning run: then all surfaces were sensed, later only two.
 
     Attributes
     ----------
@@ -187,12 +187,12 @@ class Baseline:
     resistance: Floats
 
     def prior(self, resistance: Floats, rel_sd: Floats, settings: CellSettings) -> CellPrior:
-        """Make today's prior: the cells may have aged, and their voltages tell by how much.
+        """Make the present prior: the cells may have aged, and their voltages show by how much.
 
         Parameters
         ----------
         resistance, rel_sd : ndarray (n,)
-            Today's electrical resistances; NaN where there are none.
+            Present electrical resistances; NaN where there are none.
         settings : CellSettings
         """
         at = np.asarray(self.layout.at("R_e"))

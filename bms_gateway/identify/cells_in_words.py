@@ -1,4 +1,4 @@
-"""What a fit of single cells has found, for people: one line per cell, and the combinations that the data determine.
+"""Results of a fit of single cells, for people: one line per cell, and the combinations that the data determine.
 
 Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
@@ -14,9 +14,9 @@ from bms_gateway.identify.resistance_by_cell import CellFit
 from bms_gateway.thermal import KINDS, Floats
 
 TOLD = 1.0
-"""A combination counts as determined when the surfaces tell it better than the scatter between cells does."""
+"""A combination counts as determined if the surfaces give it more exactly than the scatter between cells does."""
 NOTICEABLE = 0.2
-"""Share of the largest weight below which a cell is left out of the words."""
+"""Share of the largest weight below which a cell is omitted from the text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Combination:
     weights : ndarray (n,)
         The positive ones sum to 1, or the negative ones to −1 where they weigh more.
     information : float
-        λ: how many times more precisely the surfaces tell it than cells are alike, squared.
+        λ: squared ratio of the scatter of the cells to the error of the combination from the surfaces alone.
     prior_sd, sd : float
         Of the weighted sum of ln R_e, before (voltages included) and after.
     """
@@ -40,11 +40,11 @@ class Combination:
 
     @property
     def determined(self) -> bool:
-        """Whether the record says more than was known."""
+        """Whether the record adds to what was known."""
         return self.information > TOLD
 
     def text(self) -> str:
-        """Say it in words."""
+        """Describe the combination in words."""
         w = self.weights
         at = [k for k in np.argsort(-np.abs(w), kind="stable").tolist() if abs(w[k]) >= NOTICEABLE * np.abs(w).max()]
         at.sort()
@@ -65,7 +65,7 @@ def _cells(at: list[int], w: Floats) -> str:
 
 
 def combinations(fit: CellFit, settings: CellSettings | None = None) -> tuple[Combination, ...]:
-    """Directions of ln R_e by how much the surfaces say of them: the scaled Fisher matrix, nuisances marginalised.
+    """Directions of ln R_e, ordered by the information of the surfaces: scaled Fisher matrix, nuisances marginalised.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def combinations(fit: CellFit, settings: CellSettings | None = None) -> tuple[Co
     Returns
     -------
     tuple of Combination
-        As many as cells, the best determined first; weights of different ones are orthogonal.
+        One per cell, the best determined first; their weights are orthogonal.
     """
     scale = (settings or CellSettings()).spread["R_e"]
     at = fit.layout.at("R_e")
@@ -93,7 +93,7 @@ def combinations(fit: CellFit, settings: CellSettings | None = None) -> tuple[Co
 
 
 def sentence(fit: CellFit, settings: CellSettings | None = None) -> str:
-    """Tell what the surfaces alone determine of the cells' R_e."""
+    """Say what the surfaces alone determine of the cells' R_e."""
     if fit.doubt > HOPELESS:
         return (
             "nothing is learnt of single cells: the model does not explain the surfaces with cells near what was known "
@@ -115,7 +115,7 @@ def cell_estimates(
     fit : CellFit
     settings : CellSettings, optional
     voltages : ndarray (n,), optional
-        Electrical resistance used; NaN where a cell had none.
+        Electrical resistance used; NaN for a cell without one.
 
     Returns
     -------

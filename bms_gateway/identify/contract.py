@@ -1,10 +1,10 @@
-"""What every identifier takes in and gives out, so that the engine can choose one per string.
+"""Inputs and outputs of every identifier, so that the engine can choose one per string.
 
-An identifier is fed one `Tick` per second. Cheap ones update at once; the windowed one hands out a `Job` when a window
-is full. A job is a pure function of its own data: it may run inline or on another thread and gives the same `Result`
-to the last bit; the engine gives it back by `accept` at a bus time of its own choosing.
+An identifier gets one `Tick` per second. Some update at once; the windowed one returns a `Job` when a window is full. A
+job is a pure function of its own data: inline or on another thread, it gives the same `Result` to the last bit. The
+engine returns the result by `accept` at a bus time that the engine chooses.
 
-Every method stands where Lin et al. have their recursive least squares (Eq 5-10).
+Every method takes the place of the recursive least squares of Lin et al. (Eq 5-10).
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ def not_identifiable(why: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What one tick of the engine knows of one string.
+    """Measurements of one tick for one string.
 
     Attributes
     ----------
@@ -40,17 +40,17 @@ class Tick:
     dt : float
         Seconds since the previous tick; differs from the period after a gap.
     mean_square_current : float
-        Mean of I² over the tick, A²; NaN where there was no current.
+        Mean of I² over the tick, A²; NaN without a current.
     heat : float
-        Mean heat of one cell over the tick, W (mean over the cells), where it comes from voltage; NaN otherwise.
+        Mean heat of one cell over the tick, W (mean over the cells), if it comes from voltage; NaN otherwise.
     inlet : float
-        Coolant inlet at the tick, °C; NaN where there was none.
+        Coolant inlet at the tick, °C; NaN without a reading.
     surface : ndarray (n,)
         Surface readings, °C; NaN where there is no sensor or no reading.
     age : ndarray (n,)
         Tick time minus time stamp of the reading, s.
     current : float
-        Mean over the tick, A, discharge positive; NaN where there was none.
+        Mean over the tick, A, discharge positive; NaN without a current.
     """
 
     time_ns: int
@@ -65,7 +65,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One parameter as it leaves: `value` and `sd` in SI, `unit` as shown to people, `status` as text."""
+    """One parameter for output: `value` and `sd` in SI, `unit` as shown to people, `status` as text."""
 
     name: str
     value: float
@@ -83,11 +83,11 @@ class Posterior:
     names : tuple of str
         Symbols, in the order of the arrays.
     mean : ndarray (p,)
-        Natural logarithm of the SI value; where the prior has one value per cell, of their geometric mean.
+        Natural logarithm of the SI value; of the geometric mean if the prior has one value per cell.
     cov : ndarray (p, p)
         Symmetric, positive semi-definite.
     heat : HeatGain or None
-        Gain of heat from voltage, where the data came with such heat.
+        Gain of heat from voltage, if the data contained such heat.
     """
 
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ class Posterior:
     heat: "HeatGain | None" = None
 
     def with_heat(self) -> tuple[tuple[str, ...], Floats]:
-        """Names and covariance with the gain as `heat` at the end, where there is one."""
+        """Return names and covariance, with the gain as `heat` at the end if there is one."""
         if self.heat is None:
             return self.names, self.cov
         across = self.heat.cov[:-1, None]
@@ -105,7 +105,7 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True)
 class HeatGain:
-    """Gain by which heat from voltage is the heat of a cell.
+    """Factor between the heat from voltage and the heat of a cell.
 
     Attributes
     ----------
@@ -122,51 +122,51 @@ class Job(Protocol):
     """A pure piece of work; picklable."""
 
     def run(self) -> "Result":
-        """Compute; same job, same result."""
+        """Compute the result; the same job gives the same result."""
         ...
 
 
 class Result(Protocol):
-    """What a job found; only its identifier looks inside."""
+    """Result of a job; only its identifier uses the content."""
 
 
 class Identifier(Protocol):
-    """The verbs all methods share.
+    """The methods that all identifiers share.
 
     Attributes
     ----------
     learns : bool
-        Whether what it knows may change.
+        Whether its estimates may change.
     """
 
     learns: bool
 
     def add(self, tick: Tick) -> Job | None:
-        """Take in one tick; a job is returned when there is heavy work to do."""
+        """Include one tick; return a job if there is heavy work to do."""
         ...
 
     def patience(self, dt: float) -> int:
-        """Tell how many regular ticks, `dt` s apart, `take` may bring together before one must come by `add`."""
+        """Return how many regular ticks, `dt` s apart, `take` may combine before one must come by `add`."""
         ...
 
     def take(self, ticks: Ticks) -> None:
-        """Take in regular ticks that have waited, no more than `patience` says."""
+        """Include regular ticks that have waited, no more than `patience` allows."""
         ...
 
     def accept(self, result: Any) -> None:
-        """Take back the result of a job."""
+        """Use the result of a job."""
         ...
 
     def posterior(self) -> Posterior:
-        """Knowledge so far, for the observer."""
+        """Estimates and covariance for the observer."""
         ...
 
     def estimates(self) -> tuple[Estimate, ...]:
-        """Knowledge so far, for people and the bus."""
+        """Estimates for people and the bus."""
         ...
 
     def doubts(self) -> tuple[str, ...]:
-        """Tell what the data say against the cores, a sentence each."""
+        """Sentences on evidence against the cores."""
         ...
 
     def snapshot(self) -> dict[str, Any]:
@@ -174,7 +174,7 @@ class Identifier(Protocol):
         ...
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take a state from `snapshot`."""
+        """Set the state from `snapshot`."""
         ...
 
 
@@ -192,7 +192,7 @@ def log_prior(model: StringModel) -> tuple[tuple[str, ...], Floats, Floats]:
 
 
 def estimates_of(posterior: Posterior, status: Sequence[str]) -> tuple[Estimate, ...]:
-    """Estimates in SI: the median, and the log-normal's sd taken at first order."""
+    """Estimates in SI: the median, and the sd of the log-normal to first order."""
     sd = np.sqrt(np.maximum(np.diag(posterior.cov), 0.0))
     return tuple(
         Estimate(name, float(np.exp(m)), float(np.exp(m) * s), KINDS[name].unit, text)
@@ -201,7 +201,7 @@ def estimates_of(posterior: Posterior, status: Sequence[str]) -> tuple[Estimate,
 
 
 def string_parameters(model: StringModel, names: tuple[str, ...], ln: Floats) -> StringParameters:
-    """Numbers of the string from logarithms; cells keep the ratios of the prior's values.
+    """Compute the parameters of a string from their logarithms; the ratios between cells are those of the prior.
 
     Parameters
     ----------

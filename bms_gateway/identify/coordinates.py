@@ -1,8 +1,8 @@
-"""The free numbers of a fit: coordinates with a Gaussian prior, and the readings that they are fitted to.
+"""The free numbers of a fit: coordinates with a Gaussian prior, and the readings to which they are fitted.
 
-Coordinates are logarithms of the parameters about their prior's median, numbers of the effects, and what each record
-knows on its own (start, and with several records the cooling). Scatter within the declared tolerances (cells, sensors,
-inlet) and the start of each cell are nuisances: small, so that their columns need not be taken in every step.
+Coordinates are logarithms of the parameters about their prior's median, numbers of the effects, and numbers of each
+record (start; cooling if there are several records). Nuisances are the scatter within the declared tolerances (cells,
+sensors, inlet) and the start of each cell. They are small, so their columns are not computed in every step.
 
 The numbers are those of Lin et al., Eq 1 and 16-18; priors and tolerances are not in the paper.
 """
@@ -18,30 +18,30 @@ from bms_gateway.thermal.drive import Drive, Span
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
 Channel = tuple[Literal["surface", "core", "probe"], int]
-"""What a thermocouple measures, and on which cell (from 1): its surface, the mean of its roll, or what a thermocouple
-pushed into it reads, which is between mean and centre (`thermal.centre`)."""
+"""Kind and cell (from 1) of a thermocouple: it measures the surface, the mean of the roll, or, pushed into the roll, a
+temperature between mean and centre (`thermal.centre`)."""
 LIMIT = 4.0
-"""sd: a prior's tails end here; a number that ends there is an alarm, not an answer."""
+"""Bounds of a prior in sd; a number that ends there is an alarm, not a result."""
 LATE = {"T_in": 0.3, "flow": 0.5}
-"""s: how late inlet and flow may be read against the current: half a logger's interval, another device's filter."""
+"""s: delay of inlet and flow against the current: half a logger's interval, another device's filter."""
 OWN = ("R_u",)
-"""Parameters that each of several records has for itself: the same cells are cooled differently."""
+"""Parameters that each of several records has for itself, because the cooling of the same cells differs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Readings of one record and what drove the string, ready for a fit.
+    """Readings and inputs of one record, ready for a fit.
 
     Attributes
     ----------
     drive : Drive, N intervals
     spans : tuple of Span
-        Stretches with a start of their own.
+        Stretches, each with its own start.
     channels : tuple of (kind, cell), m of them
     channel, row : ndarray (M,) of int
         Channel of each reading, and the row of the trajectory (instants of all spans stacked) before it.
     share : ndarray (M,)
-        Where between that row and the next the reading was taken, 0…1.
+        Position of the reading between that row and the next, 0…1.
     y : ndarray (M,), °C
     used : ndarray (M,) of bool
         False for held-out blocks.
@@ -50,7 +50,7 @@ class Measured:
     start : tuple of ndarray (n,), °C
         Surfaces at the start of each span, from the first readings.
     start_sd : tuple of ndarray (n,), K
-        How well these are known, cell by cell.
+        Standard deviation of these surfaces, cell by cell.
     source : str
     """
 
@@ -70,13 +70,13 @@ class Measured:
 
     @property
     def sigma(self) -> Floats:
-        """Standard deviation (M,) of each reading, noise and rounding together."""
+        """Standard deviation (M,) of each reading, from noise and rounding."""
         return np.asarray(np.sqrt(self.sigma0**2 + self.step**2 / 12.0)[self.channel])
 
 
 @dataclass(slots=True)
 class Draft:
-    """Numbers of one record while the coordinates are put into them; its arrays are its own."""
+    """Numbers of one record while coordinates are entered; it owns its arrays."""
 
     string: dict[str, Floats]
     effects: dict[str, dict[str, float]]
@@ -96,25 +96,26 @@ class Coordinate:
     name : str
         Symbol, `effect.parameter`, `T_c0`, …; with `@r` for record r of several.
     prior, sd, lower, upper : float
-        In the coordinate: the logarithm over the prior's median for parameters, of the value where the effect says so.
+        In units of the coordinate: for parameters the logarithm over the prior's median; of the value if the effect
+        says so.
     step : float
         For finite differences.
     begin : float
-        Where a fit starts.
+        First value of a fit.
     put : callable
         Puts a value into a draft.
     record : int or None
-        The record it belongs to; None for all.
+        The record to which it belongs; None for all.
     effect : str or None
         Key of its effect.
     reach : float
         Longest step of a fit.
     vanishing : bool
-        Its lower bound is where the effect vanishes and its other numbers mean nothing: a fit comes near by shares.
+        At its lower bound the effect vanishes and its other numbers have no meaning: a fit approaches it in shares.
     only_start : bool
-        It moves the start, or what is read, and no balance.
+        It changes only the start or the readings, no balance.
     sudden : bool
-        It acts within single intervals, where inputs step: its column cannot be taken in longer ones.
+        It acts within single intervals, at steps of inputs: its column cannot be computed in longer intervals.
     """
 
     name: str
@@ -135,12 +136,12 @@ class Coordinate:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A prior that takes the place of a coordinate's own.
+    """A prior that replaces that of a coordinate.
 
     Attributes
     ----------
     prior, sd : float
-        In the coordinate. Its bounds stay.
+        In units of the coordinate, whose bounds are kept.
     """
 
     prior: float
@@ -148,7 +149,7 @@ class Belief:
 
 
 def parameters(model: StringModel, records: int) -> list[Coordinate]:
-    """Free parameters of a string; the cooling once for each of several records."""
+    """Free parameters of a string; with several records, each has its own cooling parameters."""
     found = []
     for name, prior in model.priors.items():
         if prior.fixed:
@@ -201,9 +202,9 @@ def _effect_coordinate(key: str, p: EffectParameter, value: float) -> Coordinate
 
 
 def believed(c: Coordinate, beliefs: Mapping[str, Belief]) -> Coordinate:
-    """Give a coordinate another prior, where there is one for its name."""
+    """Give a coordinate another prior if `beliefs` has one for its name."""
     plain, _, place = c.name.split("@")[0].partition("[")
-    if plain == "T_c0" and place not in ("", "1]"):  # what is known of a rest holds where a record starts
+    if plain == "T_c0" and place not in ("", "1]"):  # a belief about rest holds only at the start of a record
         return c
     if c.effect is not None:
         plain = c.name.replace(c.effect, c.effect.partition(":")[0], 1)
@@ -213,11 +214,11 @@ def believed(c: Coordinate, beliefs: Mapping[str, Belief]) -> Coordinate:
 
 CORE_START = (1.0, 15.0)
 SURFACE_START = (0.5, 5.0)
-"""K, sd and bound: how far cores are from surfaces, and surfaces from the first readings, when a record starts."""
+"""K, sd and bound at the start of a record: core minus surface, and surfaces minus first readings."""
 CORE_UNDER_WAY = (10.0, 60.0)
-"""K, sd and bound, for a span after a gap: nobody knows what the current did, and the cells have not rested."""
+"""K, sd and bound, for a span after a gap: the current in the gap is unknown, and the cells have not rested."""
 CELL_UNDER_WAY = 1.0
-"""K: how far one cell's core may be from the others' there; they differ by some per cent of what stands above."""
+"""K: difference between the cells' cores there, some per cent of the values above."""
 
 
 def starts(r: int, m: Measured, records: int) -> list[Coordinate]:
@@ -241,7 +242,7 @@ def starts(r: int, m: Measured, records: int) -> list[Coordinate]:
 
 
 def nuisances(model: StringModel, records: Sequence[Measured]) -> list[Coordinate]:
-    """Return what may be off within the declared tolerances; what has none is left out."""
+    """Return the errors within the declared tolerances; those without a tolerance are left out."""
     found = _scatter(model)
     for r, m in enumerate(records):
         tail = "" if len(records) == 1 else f"@{r + 1}"
@@ -252,7 +253,7 @@ def nuisances(model: StringModel, records: Sequence[Measured]) -> list[Coordinat
 
 
 def _scatter(model: StringModel) -> list[Coordinate]:
-    """Cells that differ from their string's mean within the tolerances."""
+    """Differences of the cells from their string's mean within the tolerances."""
     found = []
     for symbol in ("R_e", "R_u", "R_c") if model.cells > 1 else ():
         sd = model.tolerances.get(f"cell_{symbol}", 0.0)
@@ -266,7 +267,7 @@ def _scatter(model: StringModel) -> list[Coordinate]:
 
 
 def _sensors(model: StringModel, r: int, m: Measured, tail: str) -> list[Coordinate]:
-    """Thermocouples that read a little too high."""
+    """Offsets of the thermocouples."""
     found = []
     for k in sorted({cell for kind, cell in m.channels if kind == "surface"}):
 
@@ -285,7 +286,7 @@ def _sensors(model: StringModel, r: int, m: Measured, tail: str) -> list[Coordin
 
 
 def _lateness(r: int, m: Measured, tail: str) -> list[Coordinate]:
-    """Return what inputs may be read late by."""
+    """Return the possible delays of inputs."""
     found = []
     for signal, sd in LATE.items():
 
@@ -298,7 +299,7 @@ def _lateness(r: int, m: Measured, tail: str) -> list[Coordinate]:
 
 
 def _cell_starts(r: int, m: Measured, tail: str) -> list[Coordinate]:
-    """Cells that start a little off what their first readings say."""
+    """Differences of the cells' start from their first readings."""
     found = []
     for i, sds in enumerate(m.start_sd):
         for k, sd in enumerate(sds):

@@ -1,21 +1,22 @@
-r"""A string together with what disturbs it, and the Kalman filter that turns residuals into white innovations.
+r"""A string with its disturbances, and the Kalman filter that turns residuals into white innovations.
 
 States: [T_c1, T_s1, …, T_cn, T_sn, b_f, b_q, d_1 … d_n, s_1 … s_m]: an offset of the inlet, a heat common to the cells
-and one of each cell's own, all first-order (Ornstein–Uhlenbeck) processes, and the constant offsets of the m sensors.
+and one heat per cell, all first-order (Ornstein–Uhlenbeck) processes, and the constant offsets of the m sensors.
 
-Readings less the undisturbed response are Gaussian with a covariance that this filter factors without ever forming it:
+Readings minus the undisturbed response are Gaussian. The filter factors their covariance without forming it:
 
 .. math::
     S^{-1/2} (y - f) = \nu, \qquad
     -2 \ln p(y) = \sum_j |\nu_j|^2 + \ln \det S_j + m_j \ln 2\pi
 
-Being linear, the same filter whitens the slopes ∂f/∂θ beside the residuals, one column each, for the price of one
-covariance. Slow disturbances need no 1 Hz filter: readings are averaged over blocks of some seconds first.
+As the filter is linear, it whitens the slopes ∂f/∂θ along with the residuals, one column each, with one covariance
+recursion. Slow disturbances need no 1 Hz filter: readings are first averaged over blocks of some seconds.
 
 The string is that of Lin et al., Eq 16-18; its disturbances are not in the paper.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,14 +40,27 @@ class DisturbedString:
     C: Floats
 
 
+class Blocks(NamedTuple):
+    """Equal times over which readings are averaged.
+
+    Attributes
+    ----------
+    length_s : float, s
+    first_s : float, s
+        From the record's first instant to the middle of the first block.
+    """
+
+    length_s: float
+    first_s: float
+
+
 def disturbed(
     p: StringParameters,
     sensed: tuple[int, ...],
-    block_s: float,
+    blocks: Blocks,
     disturbance: Disturbance,
     offset_sd: float,
     start: Start,
-    first_s: float | None = None,
 ) -> DisturbedString:
     """Build the disturbed string.
 
@@ -55,14 +69,12 @@ def disturbed(
     p : StringParameters
     sensed : tuple of int
         0-based cells whose surface is read.
-    block_s : float, s
+    blocks : Blocks
     disturbance : Disturbance
     offset_sd : float, K
         Of each sensor's constant offset.
     start : Start
-        What is known at the record's first instant.
-    first_s : float, optional
-        From there to the first block's middle; half a block by default.
+        Uncertainty at the record's first instant.
     """
     s = continuous(p)
     (N, n), m = s.B_q.shape, len(sensed)
@@ -78,8 +90,8 @@ def disturbed(
     P[slow, slow] = sd**2
     P[:N, :N] = start_spread(n, start)
     P[N + 2 + n :, N + 2 + n :] = offset_sd**2 * np.eye(m)
-    Phi, Q = gathered_noise(A, W, block_s)
-    Phi_0, Q_0 = gathered_noise(A, W, block_s / 2.0 if first_s is None else first_s)
+    Phi, Q = gathered_noise(A, W, blocks.length_s)
+    Phi_0, Q_0 = gathered_noise(A, W, blocks.first_s)
     C = np.zeros((m, M))
     C[np.arange(m), 2 * np.asarray(sensed) + 1] = 1.0
     C[np.arange(m), N + 2 + n + np.arange(m)] = 1.0
@@ -93,7 +105,7 @@ def whiten(d: DisturbedString, columns: Floats, count: Floats, sensor_sd: float)
     ----------
     d : DisturbedString
     columns : ndarray (B, m, q)
-        Residuals and whatever else is to be filtered like them; ignored where `count` is 0.
+        Residuals and other columns to be filtered alike; ignored where `count` is 0.
     count : ndarray (B, m)
         Readings in each mean.
     sensor_sd : float, K

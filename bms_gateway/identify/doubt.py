@@ -1,16 +1,16 @@
-r"""How far data may move a number before they speak of an error of the model, and how much noisier they then are.
+r"""Model errors seen by a fit: how far data may move a number, and the factor on the noise if they move it farther.
 
-A small residual does not make a model right. Data that drag a parameter far off what was known of it drag it by
-something that the model lacks: then a residual is not worth what its size suggests. With information H of the data,
-Λ of what was known before, and a posterior δ away from that, data of weight w ≤ 1 lead to
+A small residual does not prove a model. If data pull a parameter far from its prior, the model lacks something, and the
+residual is less reliable than its size suggests. With information H of the data, prior information Λ and a posterior at
+distance δ from the prior, data of weight w ≤ 1 lead to
 
 .. math::
     \delta(w) = (w H + \Lambda)^{-1} \, w \, (H + \Lambda) \, \delta
 
-and the largest w with which every judged combination of numbers c stays within its limit,
-:math:`|c^T \delta(w)| \le l`, gives the factor :math:`1 / \sqrt{w}` on the noise.
+The largest w with which every judged combination of numbers c stays within its limit, :math:`|c^T \delta(w)| \le l`,
+gives the factor :math:`1 / \sqrt{w}` on the noise.
 
-Beyond Lin et al., who take the model for true.
+Beyond Lin et al., who assume a true model.
 """
 
 from typing import Final
@@ -20,18 +20,18 @@ import numpy as np
 from bms_gateway.thermal import Floats
 
 SOUND_SD: Final = {"R_e": 2.0, "R_c": 2.0, "R_u": 2.0, "contact": 1.5, "roll": 3.0}
-"""Prior sd that the data may move a number. Resistances are what is sought, and priors of them are wide guesses. Any
-share of R_c may lie in the roll, and thermocouples have offsets, which look like contact. Of capacities and of the
-other carried effects, the prior is what is known, and data that move them farther speak of something else."""
+"""Prior sd by which the data may move a number. Resistances are what is to be found, and their priors are wide guesses.
+Any share of R_c may lie in the roll, and thermocouples have offsets, which look like contact. For capacities and the
+other carried effects, the prior is knowledge: data that move them farther indicate a model error."""
 SOUND_OTHER_SD: Final = 1.0
 HOPELESS: Final = 4.0
-"""Factor on the noise from which on a window is not used: the model lacks what the surfaces show most of."""
+"""Factor on the noise from which a window is not used: most of what the surfaces show is missing in the model."""
 LEAST_WEIGHT: Final = 1e-4
 HALVINGS: Final = 20
 
 
 def sound_sd(name: str) -> float:
-    """Prior sd that data may move the parameter or carried effect `name`."""
+    """Prior sd by which data may move the parameter or carried effect `name`."""
     return SOUND_SD.get(name, SOUND_OTHER_SD)
 
 
@@ -41,9 +41,9 @@ def noise_factor(info: Floats, known: Floats, off: Floats, judged: Floats, limit
     Parameters
     ----------
     info, known : ndarray (p, p)
-        Information of the data at their own weight, and of what was known before.
+        Information of the data at full weight, and of the prior.
     off : ndarray (p,)
-        Posterior mean less what was known before.
+        Posterior mean minus prior mean.
     judged : ndarray (c, p)
     limit : ndarray (c,)
         Positive.
@@ -51,11 +51,11 @@ def noise_factor(info: Floats, known: Floats, off: Floats, judged: Floats, limit
     Returns
     -------
     float
-        1 where all are within their limits as they are; at most ``LEAST_WEIGHT ** -0.5``.
+        1 if all are within their limits already; at most ``LEAST_WEIGHT ** -0.5``.
 
     Examples
     --------
-    Data as good as the prior moved a number by 2 prior sd; to move it by one they must be half as good:
+    Data as good as the prior moved a number by 2 prior sd; to move it by 4/3, they must be half as good:
 
     >>> one = np.eye(1)
     >>> round(noise_factor(one, one, np.array([2.0]), one, np.array([4 / 3])) ** 2, 3)

@@ -1,4 +1,4 @@
-"""How much a fit has worked, for whoever waits for it: told at every trajectory and every set of derivatives."""
+"""Progress of a fit: a signal at every trajectory and every set of derivatives."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,14 +8,14 @@ _HEARD: ContextVar[Callable[[], None] | None] = ContextVar("effort", default=Non
 
 
 def beat() -> None:
-    """Tell that one more piece of work was done."""
+    """Signal that one more piece of work is done."""
     if (hear := _HEARD.get()) is not None:
         hear()
 
 
 @contextmanager
 def heard(hear: Callable[[], None]) -> Iterator[None]:
-    """Have `hear` called at every piece of work that is done inside.
+    """Call `hear` at every piece of work within the block.
 
     Examples
     --------

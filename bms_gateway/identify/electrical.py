@@ -1,16 +1,16 @@
-r"""Electrical resistance of each cell by energy balance: its voltage against the current, on all time scales at once.
+r"""Electrical resistance of each cell by energy balance: voltage against current, on all time scales at once.
 
 .. math::
     V = U_0 + k\,Q - R_{el} I + v, \qquad Q = \int I\,dt
 
-by least squares: offset and charge slope take up the open-circuit voltage, and R_el = −cov(V, I)/var(I) of the rest is
-what the cell loses at its terminals per I², slow polarisation included. A pulse resistance holds only the fast part.
-Sums of ten numbers per cell and segment are kept; means of I² and I·V over a tick enter as such, so nothing within a
-tick is lost. Polarisation leaves residuals that are no noise, but common to the cells: how well the cells' R_el compare
-is told by leaving out one segment after the other (jackknife).
+by least squares. Offset and charge slope describe the open-circuit voltage; R_el = −cov(V, I)/var(I) of the rest is the
+cell's loss at its terminals per I², slow polarisation included. A pulse resistance contains only the fast part. Sums of
+ten numbers per cell and segment are kept; means of I² and I·V over a tick enter as such, so no variation within a tick
+is lost. Polarisation leaves residuals that are not noise but common to the cells: the error of the R_el relative to
+each other is found by omitting one segment after the other (jackknife).
 
-Samples of voltage and current must belong together: a skew τ takes 1 − ρ(τ) off R_el, ρ being the current's
-autocorrelation, which the sums know: 1.8 % at half a second on a drive cycle.
+Voltage and current must be sampled at the same time: a skew τ reduces R_el by 1 − ρ(τ), ρ being the current's
+autocorrelation, which the sums contain: 1.8 % at half a second on a drive cycle.
 
 Beyond Lin et al., who use no voltage.
 """
@@ -24,27 +24,27 @@ from bms_gateway.thermal import Floats
 SEGMENT_S = 300.0
 """s of samples per segment: as long as slow polarisation."""
 LEAST = 3
-"""Segments before a cell's R_el is told."""
+"""Least number of segments from which R_el of a cell is stated."""
 TOGETHER = 60
-"""Ticks summed up at once."""
+"""Ticks added to the sums at once."""
 MOST = 48
-"""Segments kept apart; older ones are put together in pairs."""
+"""Number of separate segments; older segments are merged in pairs."""
 LEAST_SWING_A = 2.0
-"""A: rms of the current beside a mean and its own charge, below which the voltage's noise would be fitted."""
+"""A: least rms of the current about its mean and its charge; with less, the voltage's noise would be fitted."""
 
 
 @dataclass(frozen=True, slots=True)
 class ElectricalResistance:
-    """What the voltages said.
+    """Result from the voltages.
 
     Attributes
     ----------
     value : ndarray (n,), Ω
         NaN for a cell without enough samples.
     rel_sd : ndarray (n,)
-        Of the cells among each other, the measurement alone: neither joints nor skew are in it, nor what is common.
+        Relative between the cells, by the measurement alone: without joints, skew and common errors.
     skew_share : float, 1/s
-        Share of R_el that one second of skew would take off.
+        Relative reduction of R_el per second of skew.
     """
 
     value: Floats
@@ -53,15 +53,15 @@ class ElectricalResistance:
 
     @property
     def known(self) -> bool:
-        """Whether any cell has one."""
+        """Whether any cell has a value."""
         return bool(np.isfinite(self.value).any())
 
     def with_skew(self, skew_s: float) -> Floats:
-        """Relative sd (n,) when samples may be stamped off by `skew_s`."""
+        """Relative sd (n,) with a possible skew of `skew_s`."""
         return np.asarray(np.hypot(self.rel_sd, self.skew_share * skew_s), dtype=np.float64)
 
     def warning(self, skew_s: float, joint_sd: float) -> str:
-        """Tell in a sentence that the skew spoils what the joints would leave; empty where it does not."""
+        """Return a sentence if the skew adds more error than the joints; otherwise an empty string."""
         cost = self.skew_share * skew_s
         if not self.known or cost <= 0.5 * joint_sd:
             return ""
@@ -95,22 +95,22 @@ class ElectricalSums:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: after a gap the charge moved is unknown."""
+        """Discard everything: after a gap the moved charge is unknown."""
         self._segments = [np.zeros((self._cells, 4, 4))]  # upper triangles of ∫ z zᵀ dt, z = (1, Q, I, V)
-        self._waiting: list[tuple[PairMeans, float, float]] = []  # with charge and dt: summed up together, for speed
+        self._waiting: list[tuple[PairMeans, float, float]] = []  # with charge and dt: added together, for speed
         self._charge = 0.0
         self._last = np.nan
         self._neighbours = np.zeros(4)  # of I, I', I I', I² at neighbouring ticks
 
     def update(self, pairs: PairMeans | None, current: float, dt: float) -> None:
-        """Take in the means of one tick.
+        """Include the means of one tick.
 
         Parameters
         ----------
         pairs : PairMeans or None
             None: no voltages in this tick.
         current : float
-            Mean current of the tick, A, for the charge; NaN counts as none moved.
+            Mean current of the tick, A, for the charge; NaN counts as zero.
         dt : float, s
         """
         current = current if current == current else 0.0
@@ -176,7 +176,7 @@ class ElectricalSums:
 
 
 def _solved(sums: Floats) -> Floats:
-    """R_el of each cell (n,) from its sums; NaN where the current says nothing of it."""
+    """R_el of each cell (n,) from its sums; NaN if the current varies too little."""
     out = np.full(len(sums), np.nan)
     for k, upper in enumerate(sums):
         s = upper + np.triu(upper, 1).T
@@ -187,7 +187,7 @@ def _solved(sums: Floats) -> Floats:
         taken = scale[:, None] * (
             np.linalg.pinv(scale[:, None] * ocv * scale, rcond=1e-12, hermitian=True) @ (scale[:, None] * rest)
         )
-        left = s[2:, 2:] - rest.T @ taken  # of I and V when offset and charge slope are out
+        left = s[2:, 2:] - rest.T @ taken  # of I and V without offset and charge slope
         if left[0, 0] >= LEAST_SWING_A**2 * s[0, 0] and left[0, 1] < 0.0:
             out[k] = -left[0, 1] / left[0, 0]
     return out

@@ -1,4 +1,4 @@
-"""Persistent excitation: whether a window of data moves all coefficients."""
+"""Persistent excitation: whether a window of data determines all coefficients."""
 
 import numpy as np
 
@@ -18,8 +18,8 @@ def excitation(Phi: Floats, length: int) -> Floats:
     Returns
     -------
     ndarray (K // length, 2)
-        Smallest and largest eigenvalue of each window. They depend on the scaling (`regression.SCALE`): compare
-        windows, not papers.
+        Smallest and largest eigenvalue of each window. They depend on the scaling (`regression.SCALE`), so only windows
+        with the same scaling can be compared.
 
     References
     ----------

@@ -1,8 +1,8 @@
-"""Where a fit takes its columns: in intervals twice as long, one place for all readings that a channel has in one.
+"""Where a fit computes its columns: in longer intervals, at one place for all readings of a channel in an interval.
 
-Columns only show a fit the way: what it minimises is taken at every reading. Over a few seconds they are as good as
-straight, so that readings in one interval share their mean one, which is all but the gradient's noise of what each
-would give, for a fraction of the products and half of the recursion.
+Columns only give the direction of a step; the minimised cost uses every reading. Over a few seconds the columns are
+nearly straight lines. Readings in one interval therefore share their mean column: nearly the same result, for a
+fraction of the products and half of the recursion.
 """
 
 from dataclasses import dataclass, replace
@@ -15,11 +15,11 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Span, every_second
 
 LONGEST_S = 6.0
-"""Intervals are joined up to here: below a surface's own time constant."""
+"""Longest joined interval: below a surface's own time constant."""
 FEWEST = 8
-"""Intervals of a span that are left as they are: nothing is saved."""
+"""Least intervals of a span for joining; with fewer, nothing is saved."""
 WORK, LONG_S = 30_000, 12.0
-"""Cells times intervals beyond which intervals are joined up to `LONG_S`: the columns of a long string cost minutes."""
+"""Cells times intervals above which intervals are joined up to `LONG_S`: columns of a long string take minutes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Places:
     rows : ndarray of int (R',)
         Rows of the record's trajectory at the instants of `at`.
     place : ndarray of int (M,)
-        Of each reading.
+        Place of each reading.
     first, count : ndarray of int (M',)
-        First reading of each place, and how many follow it there.
+        First reading of each place, and number of its readings.
     factor : int
-        By which the intervals of `at` are longer than the record's.
+        Length of the intervals of `at` over that of the record's.
     """
 
     at: Measured
@@ -53,11 +53,11 @@ class Places:
         return self.factor > 1
 
     def gathered(self, r: Floats) -> Floats:
-        """Residuals (M,), in units of the noise, of the means (M',): what a place's column sees of them."""
+        """Residuals (M,), in units of the noise, as sums for the places (M',)."""
         return np.asarray(np.add.reduceat(r, self.first) / np.sqrt(self.count))
 
     def averaged(self, x: Floats) -> Floats:
-        """Means (M', …) of what was taken at the readings (M, …)."""
+        """Means (M', …) of values at the readings (M, …)."""
         count = self.count.reshape(-1, *(1,) * (x.ndim - 1))
         return np.asarray(np.add.reduceat(x, self.first) / count)
 
@@ -71,7 +71,7 @@ def places(m: Measured) -> Places:
             break
         drive, spans, kept = every_second(drive, spans)
         rows, factor = rows[kept], 2 * factor
-    # of each row of the record: the row of `at` before it, and how far beyond, in its intervals
+    # for each row of the record: the row of `at` before it, and the distance to it in intervals of `at`
     row, beyond = _before(m.spans, spans, factor)
     row, share = row[m.row], beyond[m.row] + m.share / factor
     key = (m.channel * (len(rows) + 1) + row) * 2 + m.used
@@ -96,7 +96,7 @@ def _rows(spans: tuple[Span, ...]) -> NDArray[np.intp]:
 
 
 def _before(fine: tuple[Span, ...], coarse: tuple[Span, ...], factor: int) -> tuple[NDArray[np.intp], Floats]:
-    """Row of the coarse trajectory before each of the fine one's, and how many coarse intervals lie between."""
+    """Row of the coarse trajectory before each row of the fine one, and the distance in coarse intervals."""
     rows, beyond, last = [], [], 0
     for f, c in zip(fine, coarse, strict=True):
         at = np.arange(len(f) + 1) / factor

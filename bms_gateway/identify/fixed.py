@@ -1,4 +1,4 @@
-"""No identification: the model file's values, with their spread as its author stated it.
+"""No identification: the values of the model file, with the standard deviations stated there.
 
 In place of Lin et al., Eq 5-10, where parameters are given (Table 1).
 """
@@ -14,7 +14,7 @@ from bms_gateway.thermal import StringModel
 
 
 class FixedIdentifier:
-    """The prior, for ever."""
+    """Always returns the prior."""
 
     learns = False
 
@@ -27,30 +27,30 @@ class FixedIdentifier:
         """Learn nothing."""
 
     def patience(self, dt: float) -> int:  # noqa: ARG002 — the protocol
-        """Return that nothing need ever come."""
+        """No tick is ever needed."""
         return ENDLESS
 
     def take(self, ticks: Ticks) -> None:
         """Learn nothing."""
 
     def accept(self, result: object) -> None:
-        """Nothing is ever handed out, so nothing comes back."""
+        """Do nothing: no job was returned."""
 
     def posterior(self) -> Posterior:
         """Return the prior."""
         return self._posterior
 
     def estimates(self) -> tuple[Estimate, ...]:
-        """Return the prior's values, each with the one status."""
+        """Return the prior's values, all with the same status."""
         return estimates_of(self._posterior, [self._status] * len(self._posterior.names))
 
     def doubts(self) -> tuple[str, ...]:
-        """Nothing: this method does not judge the model."""
+        """Return no doubts: this method does not judge the model."""
         return ()
 
     def snapshot(self) -> dict[str, Any]:
-        """Return nothing to remember."""
+        """Return an empty state."""
         return {"method": "off"}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take nothing."""
+        """Ignore the state."""

@@ -1,4 +1,4 @@
-r"""Coordinates in which the data speak: what one cell's surface determines, and what it does not.
+r"""Coordinates in which the data are informative: what one cell's surface determines, and what it does not.
 
 With ln of the physical values φ = (C_c, C_s, R_e, R_c, R_u) the surface obeys (Eq 7–8, kept exact)
 
@@ -8,10 +8,10 @@ With ln of the physical values φ = (C_c, C_s, R_e, R_c, R_u) the surface obeys 
     \alpha = \frac{R_e}{C_c C_s R_c}, \quad \beta = \frac{1}{C_c C_s R_c R_u}, \quad
     -\gamma = \frac{C_c + C_s}{C_c C_s R_c} + \frac{1}{C_s R_u}, \quad \mu = \frac{1}{C_s R_u}
 
-While the coolant's temperature stands still, μ is silent and R_c, R_u follow from γ by a quadratic with two positive
-roots (Eq 9), R_u and R_u* = C_c R_c/(C_c + C_s): the likelihood is then a bent ridge in φ but nearly a Gaussian in
-(ln α, ln β, ln −γ, ln μ). So knowledge gained from data is kept in these coordinates and priors in φ. Of strings, the
-data speak of the conductance 1/R_cc, which may be nothing, rather than of ln R_cc, which then runs away.
+While the coolant temperature is constant, μ has no influence and R_c, R_u follow from γ by a quadratic with two
+positive roots (Eq 9), R_u and R_u* = C_c R_c/(C_c + C_s). The likelihood is then a bent ridge in φ but nearly Gaussian
+in (ln α, ln β, ln −γ, ln μ). So information of the data is kept in these coordinates and priors in φ. Data of strings
+determine the conductance 1/R_cc, which may be zero, and not ln R_cc, which then diverges.
 """
 
 import numpy as np
@@ -78,9 +78,9 @@ def lumped_jacobian(phi: Floats, conduction: bool = False) -> Floats:
 
 
 def alias(phi: Floats) -> Floats:
-    """Find the other physical cell with the same surface for any current while the coolant's temperature stands still.
+    """Find the other physical cell with the same surface for any current while the coolant temperature is constant.
 
-    The heat capacities are kept; R_u and R_u* = C_c R_c/(C_c + C_s) swap, R_c R_u and R_e R_u stay.
+    Heat capacities are kept; R_u and R_u* = C_c R_c/(C_c + C_s) are exchanged; R_c R_u and R_e R_u are kept.
 
     References
     ----------

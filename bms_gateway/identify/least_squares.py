@@ -8,16 +8,14 @@ from bms_gateway.identify.regression import Filter, unscale
 from bms_gateway.thermal import Floats
 
 
-def rows(
-    square: Floats, T_s: Floats, T_f: Floats, dt: float, columns: Sequence[int], pole: float
-) -> tuple[Floats, Floats]:
+def rows(square: Floats, T_s: Floats, T_f: Floats, dt: float, columns: Sequence[int]) -> tuple[Floats, Floats]:
     """Left sides (K,) and regressors (K, c), scaled, for mean I² (K,) and temperatures (K + 1,).
 
     References
     ----------
     Lin et al., Eq 8 (filtered signals).
     """
-    filtered = Filter(dt, pole)
+    filtered = Filter(dt)
     filtered.start(float(T_s[0]), float(T_f[0]))
     steps = [filtered.step(q, s, f) for q, s, f in zip(square, T_s[1:], T_f[1:], strict=True)]
     return np.array([z for z, _ in steps]), np.array([phi for _, phi in steps])[:, list(columns)]
@@ -31,7 +29,6 @@ def solve(
     *,
     moving_inlet: bool = False,
     transient: bool = False,
-    pole: float = 0.05,
 ) -> tuple[Floats, Floats]:
     """Fit the coefficients of one cell.
 
@@ -47,26 +44,24 @@ def solve(
         Keep s·T_f.
     transient : bool
         Keep the impulse response; its coefficient is T_s'(0).
-    pole : float
-        Of the filter, 1/s.
 
     Returns
     -------
     theta : ndarray (c,)
         α, β, γ[, μ][, T_s'(0)] in SI.
     eigenvalues : ndarray (c,)
-        Of the mean of φφᵀ in our scaling, ascending (Eq 15).
+        Of the mean of φφᵀ in the scaling of `regression`, ascending (Eq 15).
 
     Notes
     -----
-    Noise on T_s enters the regressors: estimates are biased from 0.05 K on (R_e −10 %), folded from 0.1 K on.
+    Noise on T_s enters the regressors: estimates are biased from 0.05 K on (R_e −10 %), and on the fold from 0.1 K on.
 
     References
     ----------
     Lin et al., Eq 3 (with the transpose that the print misses) and Eq 4 (rows φᵀ/m).
     """
     columns = [0, 1, 2] + ([3] if moving_inlet else []) + ([4] if transient else [])
-    z, Phi = rows(square, T_s, T_f, dt, columns, pole)
+    z, Phi = rows(square, T_s, T_f, dt, columns)
     m = np.sqrt(1.0 + np.einsum("ij,ij->i", Phi, Phi))  # Eq 4: large regressors do not outweigh all others
     theta, *_ = np.linalg.lstsq(Phi / m[:, None], z / m, rcond=None)
     full = np.zeros(5)

@@ -1,12 +1,12 @@
-r"""How likely a reading is: white noise, then rounded to the resolution of the bus.
+r"""Likelihood of a reading: white noise, then rounding to the resolution of the bus.
 
-A reading y of step q says that the noisy value lay in [y − q/2, y + q/2]. With noise sd σ₀ and u = y − f,
+A reading y with step q means that the noisy value was in [y − q/2, y + q/2]. With noise sd σ₀ and u = y − f,
 
 .. math::
     -2 \ln L = -2 \ln \frac{\Phi((u + q/2)/σ_0) - \Phi((u - q/2)/σ_0)}{2\,(q/2σ_0)\,\varphi(0)}
 
-which is (u/σ₀)² for a fine step. Its derivative, the generalised residual, stays white however coarse the step is,
-where the plain residual is strongly coloured (Gourieroux et al., Generalised residuals, J. Econometrics 1987).
+which is (u/σ₀)² for a fine step. Its derivative, the generalised residual, is white even for coarse steps, where the
+plain residual is strongly coloured (Gourieroux et al., Generalised residuals, J. Econometrics 1987).
 """
 
 import numpy as np
@@ -17,11 +17,11 @@ from bms_gateway.thermal import Floats
 SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 _LOG_SQRT_2PI = float(np.log(SQRT_2PI))
 FINE = 0.2
-"""Steps of so little noise round nothing away."""
+"""Steps below this share of the noise count as no rounding."""
 LEVELS = 5
-"""Of a step above the noise, to either side: farther no reading falls."""
+"""Range of levels on either side, in steps above the noise: no reading is outside."""
 FAR = 25.0
-"""sd: beyond it the two tails of the interval cannot be told apart in floating point; the nearer edge counts."""
+"""sd: beyond, floating point cannot distinguish the two tails of the interval; only the nearer edge counts."""
 
 
 def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -48,10 +48,10 @@ def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats
         r = u / sigma
         return r, r * r
     x, h = u / sigma0, 0.5 * step / sigma0
-    mirrored = np.abs(x)  # into the lower tail, where ndtr keeps its digits
+    mirrored = np.abs(x)  # into the lower tail, where ndtr is accurate
     low, high = -mirrored - h, -mirrored + h
     p = ndtr(high) - ndtr(low)
-    # of what is farther than FAR only the edge counts: there p may be zero
+    # beyond FAR only the edge counts: there p may be zero
     with np.errstate(divide="ignore", invalid="ignore"):
         log_p = np.log(p)
         mean = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (SQRT_2PI * p)
@@ -71,8 +71,8 @@ def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats
 def curvature(u: Floats, sigma0: Floats, step: Floats) -> float:
     """Mean second derivative of half the deviance, in units of 1/σ².
 
-    1 for fine steps. Coarse ones are flat inside their interval and steep outside: far from the optimum a Hessian
-    without it would be σ²/σ₀² too small, and steps as much too long.
+    1 for fine steps. The deviance of coarse steps is flat inside their interval and steep outside: far from the
+    optimum, a Hessian without this factor would be σ²/σ₀² too small, and steps too long by as much.
     """
     if np.all(step < FINE * sigma0):
         return 1.0
@@ -83,12 +83,12 @@ def curvature(u: Floats, sigma0: Floats, step: Floats) -> float:
 
 
 def expected_squares(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats]:
-    r"""Mean and variance (M,) of the squared generalised residual if the model is right, reading by reading.
+    r"""Mean and variance (M,) of the squared generalised residual of each reading if the model is right.
 
     .. math:: E[r^2] = \sum_k p_k \, r(u_k)^2, \qquad p_k = \Phi((u_k + q/2)/σ_0) - \Phi((u_k - q/2)/σ_0)
 
-    over the levels :math:`u_k` that the reading may fall on. It is the information of the reading: a model near the
-    edge of a level has many standard deviations of it, one in the middle none.
+    summed over the levels :math:`u_k` on which the reading may fall. It is the information of the reading: large where
+    the model lies near the edge of a level, and nearly none where it lies in the middle of one.
 
     Parameters
     ----------

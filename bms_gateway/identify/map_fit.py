@@ -1,6 +1,6 @@
 r"""Maximum a posteriori output-error fit of a string with any effects, and its Laplace evidence.
 
-Minimised over coordinates θ and nuisances ν is
+The minimised cost over coordinates θ and nuisances ν is
 
 .. math::
     \sum_i D_i\bigl(y_i - f_i(\theta, \nu)\bigr) + \sum ((\theta-\mu)/s)^2 + \sum (\nu/s_\nu)^2
@@ -12,44 +12,41 @@ Levenberg's damping and an active set at the bounds. The log evidence is the Lap
 In place of the least squares of Lin et al., Eq 3-10, where a model has effects that Eq 1 lacks.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.identify.coordinates import LIMIT
+from bms_gateway.identify.descent import Pace, Patience, descend
 from bms_gateway.identify.likelihood import curvature, generalised
 from bms_gateway.identify.problem import Prediction, Problem
+from bms_gateway.identify.quadratic import Quadratic, solved
 from bms_gateway.thermal import Floats
 
 ITERATIONS = 12
 ANNEALING = (1e-3, 3e-2)
-"""Weights of the data on the way to 1: at first only what is off by thirty times the noise counts."""
-DAMPING, TRIES = 1e-8, 6
-"""Share of the Hessian's diagonal: the numbers of a string lie in a valley ten thousand times flatter along than
-across, where Marquardt's usual 1e-3 would creep. Grows by 30 until the cost falls."""
+"""Weights of the data on the way to 1: at first only errors of thirty times the noise count."""
+PACE = Pace(1e-8, 1e-8, 30.0, 0.1, 6)
+"""The numbers of a string lie in a valley ten thousand times flatter along its axis than across it; Marquardt's usual
+1e-3 would make the steps too small."""
 REFRESHES = 8
 SETTLED = 0.2
-"""Cost: less is not worth another look at the nuisances' columns; evidence is read to a few tenths."""
+"""Cost: smaller gains need no new nuisance columns; evidence is read to a few tenths."""
 MISFIT = 2e-3
-"""Share of what the cost has above its expectation: a model that misses much need not be settled to the last digit."""
+"""Share of the cost above its expectation: a model with large errors need not converge to the last digit."""
 VANISHING = 0.8
-"""Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
-ROUNDING = 1e-12
-"""Of a precision scaled to a unit diagonal: combinations known worse than this are lost in rounding."""
+"""Largest share of an effect that one step may remove: once it is zero, its other numbers cannot restore it."""
 RUNS_AWAY = 1e24
-"""Precision of a number as a multiple of its prior's: readings cannot tell a number to 1e-12 of its prior's sd. More
-comes of derivatives that grow without limit, as those of a negative conductance to the surroundings do."""
-FORETOLD = 0.8
-"""Share of the gain that a step's columns promised from which they are used once more."""
+"""Greatest precision of a number as a multiple of its prior's: readings cannot determine a number to 1e-12 of its
+prior's sd. Larger values come from diverging derivatives, as those of a negative conductance to the surroundings."""
 GAIN = 0.05
-"""Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
+"""Cost: a step that gains less ends the fit; a twentieth of the gain of one standard deviation of a number."""
 
 
 class Whitening(Protocol):
-    """Noise with a memory: what makes residuals independent and of unit variance, held-out readings zero."""
+    """Noise with a memory: makes residuals independent with unit variance; held-out readings become zero."""
 
     log_det: float
     """Logarithm of the determinant of the noise's covariance, K²."""
@@ -61,7 +58,7 @@ class Whitening(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """The nuisances' columns, taken once for many steps: y moves by `J` ν, a prior of sd `sd` each.
+    """The nuisances' columns, computed once for many steps: y moves by `J` ν, each with a prior of sd `sd`.
 
     Attributes
     ----------
@@ -69,9 +66,9 @@ class Linear:
         At the records' places.
     sd : ndarray (Q,)
     gram : ndarray (Q, Q)
-        Products of `J` in units of the noise, without held-out readings: taken once, for many fits share them.
+        Products of `J` in units of the noise, without held-out readings: computed once, because many fits share them.
     weight : ndarray (M',)
-        As `weights` gives them, where the noise is white.
+        From `weights`, if the noise is white.
     whitened : ndarray (M, Q) or None
         `J` in units of a noise with a memory.
     """
@@ -90,13 +87,13 @@ class Linear:
         return cls(J, sd, x.T @ x, weight, whitened)
 
     def products(self, rows: Floats) -> Floats:
-        """Products (…, Q) of rows (…, M'), which are in units of the noise, with `J` in these units."""
+        """Products (…, Q) of rows (…, M'), in units of the noise, with `J` in the same units."""
         return np.asarray((rows * self.weight) @ self.J if self.whitened is None else rows @ self.whitened)
 
 
 @dataclass(frozen=True, slots=True)
 class MapFit:
-    """A fit.
+    """Result of a fit.
 
     Attributes
     ----------
@@ -112,11 +109,11 @@ class MapFit:
         Generalised residuals (sd 1 when the model is right), at all readings, held-out ones too.
     cost, log_evidence : float
     noise : Whitening or None
-        In place of the white noise of rounded readings; `r` is then what it leaves.
+        Replaces the white noise of rounded readings; `r` is then whitened by it.
     steep : float
-        As `curvature` gives it.
+        From `curvature`.
     tempered : bool
-        Whether H allows for what is not white in the residual already.
+        Whether H already allows for a residual that is not white.
     """
 
     problem: Problem
@@ -141,12 +138,12 @@ class MapFit:
 
     @property
     def y(self) -> Floats:
-        """What the model reads (M,), °C, at all readings."""
+        """Model values (M,), °C, at all readings."""
         return self.prediction.y
 
     @property
     def readings(self) -> int:
-        """How many readings were fitted to: what a model that is right costs, give or take its chance."""
+        """Number of fitted readings: the expected cost of a right model."""
         return sum(int(np.count_nonzero(m.used)) for m in self.problem.records)
 
     def weighed(self, columns: Floats) -> Floats:
@@ -154,18 +151,18 @@ class MapFit:
         return weighed(self.problem, self.noise, columns)
 
     def gathered(self, r: Floats) -> Floats:
-        """Residuals (M,) as weighed columns see them, zero where a reading is held out."""
+        """Residuals (M,) in the form that weighed columns have, zero where a reading is held out."""
         return gathered(self.problem, self.noise, r)
 
     def products(self, columns: Floats) -> Floats:
-        """Products (P + Q, p) of the fit's own weighed columns with other weighed ones (M', p)."""
+        """Products (P + Q, p) of the weighed columns of the fit with other weighed columns (M', p)."""
         return np.concatenate([self.weighed(self.J).T @ columns, self.linear.products(columns.T).T])
 
     @property
     def light(self) -> "MapFit":
-        """The same fit without its columns, a hundred megabytes for a long string: to be kept, not to be fitted on.
+        """The same fit without its columns (a hundred megabytes for a long string), to be stored but not continued.
 
-        Numbers, precision, prediction and residual stay.
+        Numbers, precision, prediction and residual are kept.
         """
         self.problem.forget()
         linear = replace(self.linear, J=self.linear.J[:0].copy(), weight=self.linear.weight[:0].copy(), whitened=None)
@@ -173,7 +170,7 @@ class MapFit:
 
     @property
     def free(self) -> np.ndarray:
-        """Which of [θ, ν] (P + Q,) stand inside their bounds and could move either way."""
+        """Which of [θ, ν] (P + Q,) are inside their bounds and could move in both directions."""
         cs = self.problem.coordinates
         lower = np.concatenate([[c.lower for c in cs], -LIMIT * self.linear.sd])
         upper = np.concatenate([[c.upper for c in cs], LIMIT * self.linear.sd])
@@ -181,19 +178,10 @@ class MapFit:
         return np.asarray((z > lower + margin) & (z < upper - margin))
 
     def at_bound(self, name: str) -> bool:
-        """Whether a coordinate ended on its bound."""
+        """Whether a coordinate ended at its bound."""
         c = self.problem.coordinates[self.problem.index(name)]
         z, width = self.theta[self.problem.index(name)], 1e-3 * (c.upper - c.lower)
         return bool(z <= c.lower + width or z >= c.upper - width)
-
-
-def solved(H: Floats, b: Floats) -> Floats:
-    """Solve H x = b for a precision whose numbers may be so unlike that rounding takes its last digits."""
-    scale = 1.0 / np.sqrt(np.diag(H))
-    unit = H * np.outer(scale, scale)
-    unit[np.diag_indices_from(unit)] += ROUNDING
-    x = scipy.linalg.cho_solve(scipy.linalg.cho_factor(unit), scale[:, None] * b)
-    return np.asarray(scale[:, None] * x, dtype=np.float64)
 
 
 def stacked(problem: Problem) -> tuple[Floats, Floats, Floats, Floats, np.ndarray]:
@@ -217,8 +205,8 @@ def nuisance_columns(
 ) -> Linear:
     """Columns of the problem's nuisances about `theta` and `nu`.
 
-    Without effects and in a steady stream the balances are linear and the plain recursion will do; else columns a
-    few per cent off hold a fit fast where it stands, and what it leaves looks like one more effect.
+    Without effects and in a steady stream the balances are linear, and the plain recursion is enough. Otherwise,
+    columns with an error of a few per cent stop a fit early, and its residual looks like one more effect.
     """
     sd = np.array([c.sd for c in problem.nuisances])
     refinements = 1 if problem.model.effects or any(np.ptp(m.drive.flow) > 0.0 for m in problem.records) else 0
@@ -232,14 +220,14 @@ def weights(problem: Problem) -> Floats:
 
 
 def weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
-    """Columns at the places in units of the noise, zero where held out; at all readings if it has a memory."""
+    """Columns at the places in units of the noise, zero if held out; at all readings if the noise has a memory."""
     if noise is not None:
         return noise(problem.spread(columns))
     return np.asarray(columns * weights(problem)[:, None])
 
 
 def gathered(problem: Problem, noise: Whitening | None, r: Floats) -> Floats:
-    """Residuals (M,) in units of the noise, as `weighed` columns see them."""
+    """Residuals (M,) in units of the noise, in the form that `weighed` columns have."""
     return r if noise is not None else problem.gathered(r)
 
 
@@ -251,11 +239,11 @@ class FitStart:
     ----------
     theta : ndarray (P,)
     nu : ndarray (Q,), optional
-        Nuisances; 0 without.
+        Nuisances; 0 by default.
     guess : sequence of ndarray, optional
         Trajectories near the start's, one per record.
     J : ndarray (M', P'), optional
-        Columns of the first P' coordinates near the start: spares taking them in the first iteration.
+        Columns of the first P' coordinates near the start: the first iteration then need not compute them.
     """
 
     theta: Floats
@@ -266,21 +254,21 @@ class FitStart:
 
 @dataclass(frozen=True, slots=True)
 class FitEffort:
-    """How far a fit is taken.
+    """When a fit stops.
 
     Attributes
     ----------
     iterations : int
     give_up : float
-        Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
+        Stop as soon as the cost is unlikely to fall below this: the fit then serves only for ranking.
     outclassed : float
-        Stop where even what the second step, or a later one, promises would leave the cost above this.
+        Stop if the promise of the second or a later step leaves the cost above this.
     least_gain : float
-        Cost: a step that gains less ends the fit. In a long flat valley the core still moves by a kelvin for GAIN.
+        Cost: a step that gains less ends the fit. In a long flat valley the core still moves by a kelvin at GAIN.
     refinements : int
-        Of the sensitivities: more where the balances are far from linear.
+        Number of refinements of the sensitivities: more if the balances are far from linear.
     trust : float
-        Weight of the data: below 1 the priors hold on, and a start far off is led in along the curved valley.
+        Weight of the data: below 1 the priors are stronger, and a distant start follows the curved valley.
     """
 
     iterations: int = ITERATIONS
@@ -294,6 +282,87 @@ class FitEffort:
 TO_THE_END = FitEffort()
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Numbers [θ, ν], their prediction, and the residual."""
+
+    z: Floats
+    deviance: float
+    prediction: Prediction
+    r: Floats
+
+
+class _Records:
+    """The deviance of all records as a function of [θ, ν]."""
+
+    def __init__(self, problem: Problem, linear: Linear | None, noise: Whitening | None, effort: FitEffort) -> None:
+        self.problem, self.noise, self.effort = problem, noise, effort
+        self.y, _, self.sigma0, self.step, self.used = stacked(problem)
+        none = np.zeros((sum(len(p.first) for p in problem.places), 0))
+        self.linear = linear or Linear.of(problem, none, np.zeros(0), noise)
+        lower, upper, prior, sd = (
+            np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
+        )
+        small = self.linear.sd
+        self.lower, self.upper = np.concatenate([lower, -LIMIT * small]), np.concatenate([upper, LIMIT * small])
+        self.prior, self.sd = np.concatenate([prior, np.zeros(len(small))]), np.concatenate([sd, small])
+        self.columns, self.steep = none, 1.0
+        self.known: Floats | None = None
+        """Columns that need not be computed at the first iteration."""
+        self._own, self._H = none, np.eye(len(self.sd))
+
+    def at(self, z: Floats, near: "_Place | Sequence[Floats] | None") -> _Place:
+        """Simulate the records from a trajectory nearby."""
+        P, trust = len(self.problem.coordinates), self.effort.trust
+        p = self.problem.predict(z[:P], near.prediction.X if isinstance(near, _Place) else near, z[P:])
+        strain = float(np.sum(((z - self.prior) / self.sd) ** 2))
+        if self.noise is not None:
+            r = self.noise(self.y - p.y)
+            return _Place(z, trust * (float(r @ r) + self.noise.log_det) + strain, p, r)
+        r, deviance = generalised(self.y - p.y, self.sigma0, self.step)
+        return _Place(z, trust * float(np.sum(deviance[self.used])) + strain, p, r)
+
+    def slopes(self, here: _Place, fresh: bool) -> Quadratic | None:
+        """Compute the columns of θ anew if `fresh`; None if they are not finite."""
+        with np.errstate(over="ignore", invalid="ignore"):  # diverging columns are detected and reported below
+            pull = gathered(self.problem, self.noise, np.where(self.used, self.effort.trust * here.r, 0.0))
+            slope = self._look(here, pull) if fresh else self._as_before(pull)
+            gradient = slope - (here.z - self.prior) / self.sd**2
+        told = np.isfinite(gradient).all() and (np.diag(self._H) * self.sd**2 < RUNS_AWAY).all()
+        return Quadratic(self._H, gradient) if told else None
+
+    def _as_before(self, pull: Floats) -> Floats:
+        """Return the gradient of the residuals by the columns of the last iteration."""
+        return np.concatenate([pull @ self._own, self.linear.products(pull)])
+
+    def _look(self, here: _Place, pull: Floats) -> Floats:
+        """Compute columns and precision; return the gradient of the residuals."""
+        known, self.known = self.known, None
+        P = len(self.problem.coordinates)
+        new = self.problem.coordinates if known is None else self.problem.coordinates[known.shape[1] :]
+        columns = self.problem.columns(here.z[:P], here.prediction, new, self.effort.refinements, here.z[P:])
+        self.columns = columns if known is None else np.concatenate([known, columns], axis=1)
+        if self.noise is None:
+            used = self.used
+            self.steep = curvature((self.y - here.prediction.y)[used], self.sigma0[used], self.step[used])
+        self._own = weighed(self.problem, self.noise, self.columns)
+        self._H, slope = _normal(self._own, self.linear, self.sd, self.effort.trust * self.steep, pull)
+        return slope
+
+    def stiffness(self, H: Floats) -> Floats:
+        """Return the diagonal itself (Z,), after Marquardt."""
+        return np.diag(H)
+
+    def share(self, z: Floats, step: Floats) -> float:
+        """Share of a step that leaves every number where its linear response is still valid."""
+        share = 1.0
+        for c, at, move in zip(self.problem.coordinates, z, step, strict=False):
+            reach = min(c.reach, VANISHING * (at - c.lower)) if c.vanishing and move < 0.0 else c.reach
+            if abs(move) > reach > 0.0:
+                share = min(share, reach / abs(move))
+        return share
+
+
 def map_fit(
     problem: Problem,
     start: FitStart,
@@ -302,7 +371,7 @@ def map_fit(
     linear: Linear | None = None,
     noise: Whitening | None = None,
 ) -> MapFit:
-    """Fit.
+    """Fit a problem from a start.
 
     Parameters
     ----------
@@ -310,72 +379,29 @@ def map_fit(
     start : FitStart
     effort : FitEffort
     linear : Linear, optional
-        The nuisances' columns: being small they need not be taken anew in each step. None are fitted without.
+        The nuisances' columns: small, so they are not computed anew in each step. Without them, no nuisance is fitted.
     noise : Whitening, optional
-        Takes the place of the records' own noise.
+        Replaces the records' own noise.
     """
-    y, _, sigma0, step, used = stacked(problem)
-    none = np.zeros((sum(len(p.first) for p in problem.places), 0))
-    linear = linear or Linear.of(problem, none, np.zeros(0), noise)
-    lower, upper, prior, sd = (
-        np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
-    )
-    lower, upper = np.concatenate([lower, -LIMIT * linear.sd]), np.concatenate([upper, LIMIT * linear.sd])
-    prior, sd = np.concatenate([prior, np.zeros(len(linear.sd))]), np.concatenate([sd, linear.sd])
-    P, trust = len(problem.coordinates), effort.trust
-    z = np.concatenate([start.theta, np.zeros(len(linear.sd)) if start.nu is None else start.nu])
-    z = np.clip(z, lower, upper)
-
-    def judge(z: Floats, p: Prediction) -> tuple[float, Floats]:
-        strain = float(np.sum(((z - prior) / sd) ** 2))
-        if noise is not None:
-            r = noise(y - p.y)
-            return trust * (float(r @ r) + noise.log_det) + strain, r
-        r, deviance = generalised(y - p.y, sigma0, step)
-        return trust * float(np.sum(deviance[used])) + strain, r
-
-    prediction = problem.predict(z[:P], start.guess, z[P:])
-    cost, r = judge(z, prediction)
-    columns, own, H, slope = none, none, np.eye(len(z)), np.zeros(len(z))
-    damping, steep, kept = DAMPING, 1.0, False
-    for iteration in range(effort.iterations):
-        with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
-            pull = gathered(problem, noise, np.where(used, trust * r, 0.0))
-            if kept:
-                slope = np.concatenate([pull @ own, linear.products(pull)])
-            else:
-                columns = _columns(problem, z, prediction, None if iteration else start.J, effort.refinements)
-                steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
-                own = weighed(problem, noise, columns)
-                H, slope = _normal(own, linear, sd, trust * steep, pull)
-            gradient = slope - (z - prior) / sd**2
-        if iteration and cost - _promise(H, gradient) > effort.outclassed:
-            break
-        before, promised = cost, 0.0
-        if not np.isfinite(gradient).all() or not (np.diag(H) * sd**2 < RUNS_AWAY).all():
-            cost, H = np.inf, np.diag(sd**-2)  # what runs away tells no direction and no number: the fit is none
-            break
-        for new, damped in _steps(problem, H, gradient, z, lower, upper, damping):
-            trial = problem.predict(new[:P], prediction.X, new[P:])
-            trial_cost, trial_r = judge(new, trial)
-            if np.isfinite(trial_cost) and trial_cost < cost:
-                promised = float((new - z) @ (2.0 * gradient - H @ (new - z)))
-                z, prediction, cost, r = new, trial, trial_cost, trial_r
-                damping = max(0.1 * damped, DAMPING)
-                break
-        gain = before - cost
-        slow = cost > effort.give_up and max(gain, promised) < 0.3 * (cost - effort.give_up)
-        settled = gain < effort.least_gain or (iteration > 0 and slow)
-        if settled and not kept:
-            break
-        # columns that foretold the gain will do for another step, but not to end on
-        kept = not settled and gain > FORETOLD * promised
+    valley = _Records(problem, linear, noise, effort)
+    z = np.concatenate([start.theta, np.zeros(len(valley.linear.sd)) if start.nu is None else start.nu])
+    here = valley.at(np.clip(z, valley.lower, valley.upper), start.guess)
+    valley.known = start.J
+    patience = Patience(effort.iterations, effort.least_gain, give_up=effort.give_up, outclassed=effort.outclassed)
+    here, slopes = descend(valley, here, PACE, patience)
+    P, sd = len(problem.coordinates), valley.sd
+    theta, nu = here.z[:P], here.z[P:]
+    # diverging derivatives give no direction and no number: the fit is invalid
+    H, cost = (np.diag(sd**-2), np.inf) if slopes is None else (slopes.H, here.deviance)
     log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
-    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, r, cost, log_evidence, noise, steep)
+    return MapFit(
+        problem, theta, nu, valley.linear, valley.columns, H, here.prediction, here.r, cost, log_evidence, noise,
+        valley.steep,
+    )  # fmt: skip
 
 
 def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
-    """Fit on with the nuisances' columns and the recursions' reference taken anew at the optimum."""
+    """Continue a fit with the nuisances' columns and the recursions' reference renewed at the optimum."""
     fit.problem.renew(fit.prediction, fit.theta, fit.nu)
     prediction = fit.problem.predict(fit.theta, fit.prediction.X, fit.nu)
     linear = nuisance_columns(fit.problem, fit.theta, prediction, fit.noise, fit.nu)
@@ -384,7 +410,7 @@ def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
 
 
 def converged(fit: MapFit) -> MapFit:
-    """Fit on until neither numbers nor the nuisances' columns move any more."""
+    """Continue a fit until neither its numbers nor the nuisances' columns move."""
     for _ in range(REFRESHES):
         before = fit.cost
         fit = refreshed(fit, iterations=3)
@@ -394,18 +420,18 @@ def converged(fit: MapFit) -> MapFit:
 
 
 def fitted(problem: Problem) -> MapFit:
-    """Fit a problem from where its coordinates begin, the data trusted more and more."""
+    """Fit a problem from the start of its coordinates, with increasing weight of the data."""
     return converged(annealed(problem, problem.begin))
 
 
 def annealed(problem: Problem, theta: Floats) -> MapFit:
-    """Lead a start far off into the valley: a rough fit, the data trusted more and more."""
+    """Bring a distant start into the valley: a rough fit with increasing weight of the data."""
     nu, guess, linear = None, None, None
     fit: MapFit | None = None
     for trust in ANNEALING:
         prediction = problem.predict(theta, guess, nu)
         problem.renew(prediction, theta, nu)
-        if fit is not None:  # at first what is off is far more than tolerances can make
+        if fit is not None:  # at first the errors are far greater than tolerances can explain
             nu = np.zeros(len(problem.nuisances))
             linear = nuisance_columns(problem, theta, prediction, nu=nu)
         effort = FitEffort(iterations=4, trust=trust, least_gain=1.0)
@@ -415,15 +441,8 @@ def annealed(problem: Problem, theta: Floats) -> MapFit:
     return fit
 
 
-def _columns(problem: Problem, z: Floats, prediction: Prediction, J: Floats | None, refinements: int) -> Floats:
-    P = len(problem.coordinates)
-    new = problem.coordinates if J is None else problem.coordinates[J.shape[1] :]
-    columns = problem.columns(z[:P], prediction, new, refinements, z[P:])
-    return columns if J is None else np.concatenate([J, columns], axis=1)
-
-
 def _normal(J: Floats, linear: Linear, sd: Floats, trust: float, pull: Floats) -> tuple[Floats, Floats]:
-    """Precision, and what the residuals pull; the nuisances' columns, being many, are gone through only once."""
+    """Precision and gradient of the residuals; the nuisances' columns are many and used only once."""
     P = J.shape[1]
     mine = np.empty((P + 1, len(J)))
     mine[:P], mine[P] = J.T, pull
@@ -431,45 +450,3 @@ def _normal(J: Floats, linear: Linear, sd: Floats, trust: float, pull: Floats) -
     H = trust * np.block([[own[:P], cross[:P]], [cross[:P].T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
     return np.asarray(H, dtype=np.float64), np.concatenate([own[P], cross[P]])
-
-
-def _promise(H: Floats, gradient: Floats) -> float:
-    """Cost that an undamped step would gain if all were linear; infinite where nothing can be foretold."""
-    gain = float(gradient @ solved(H, gradient[:, None])[:, 0]) if np.isfinite(gradient).all() else np.inf
-    return gain if np.isfinite(gain) else np.inf
-
-
-def _steps(
-    problem: Problem, H: Floats, gradient: Floats, z: Floats, lower: Floats, upper: Floats, damping: float
-) -> Iterator[tuple[Floats, float]]:
-    """Ever shorter steps, each with its damping."""
-    for _ in range(TRIES):
-        step = _step(H, gradient, z, lower, upper, damping)
-        yield np.clip(z + step * _within_reach(problem, z, step), lower, upper), damping
-        damping *= 30.0
-
-
-def _within_reach(problem: Problem, z: Floats, step: Floats) -> float:
-    """Share of a step that leaves every number where its linear response still means something."""
-    share = 1.0
-    for c, at, move in zip(problem.coordinates, z, step, strict=False):
-        reach = min(c.reach, VANISHING * (at - c.lower)) if c.vanishing and move < 0.0 else c.reach
-        if abs(move) > reach > 0.0:
-            share = min(share, reach / abs(move))
-    return share
-
-
-def _step(H: Floats, gradient: Floats, z: Floats, lower: Floats, upper: Floats, damping: float) -> Floats:
-    """Damped Gauss–Newton step within the bounds: what would cross one goes to it, and the rest makes up for that."""
-    A = H + damping * np.diag(np.diag(H))
-    free = np.ones(len(z), np.bool_)
-    step = np.zeros(len(z))
-    for _ in range(10):
-        rest = gradient[free] - A[np.ix_(free, ~free)] @ step[~free]
-        step[free] = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A[np.ix_(free, free)]), rest)
-        out = free & ((z + step < lower) | (z + step > upper))
-        if not out.any():
-            break
-        step[out] = np.where(step[out] < 0.0, lower[out], upper[out]) - z[out]
-        free &= ~out
-    return step

@@ -1,12 +1,12 @@
-r"""Noise of a surface reading about the model: white sensor noise plus a slow discrepancy of the model itself.
+r"""Noise of a surface reading about the model: white sensor noise plus a slow error of the model itself.
 
 .. math::
     e_k = d_k + w_k, \qquad d_k = a d_{k-1} + v_k, \qquad w \sim N(0, \sigma_w^2), \quad d \sim N(0, \sigma_d^2),
     \quad a = e^{-\Delta t/\tau}
 
-A two-node cell with constant parameters is not the cell. What it leaves is slow and correlated; taken for white noise
-it makes every parameter confidently wrong. The size σ_d of the discrepancy is found from the data by the marginal
-likelihood (with its determinants): a profile likelihood sees only what the parameters could not swallow.
+A two-node cell with constant parameters is only an approximation of the cell. Its error is slow and correlated; treated
+as white noise it makes every parameter confidently wrong. The size σ_d of the slow error is found from the data by the
+marginal likelihood (with its determinants): a profile likelihood sees only what the parameters could not absorb.
 """
 
 import math
@@ -20,18 +20,18 @@ from bms_gateway.thermal import Floats
 SIZES = (0.02, 0.05, 0.12, 0.3, 0.8)
 """K: candidates for σ_d."""
 TAUS = (30.0, 150.0)
-"""s: candidates for τ, on either side of the gap between the cell's time constants; slower is what the drift is for."""
+"""s: candidates for τ, on either side of the gap between the cell's time constants; the drift covers slower errors."""
 
 
 def white_sd(residual: Floats, floor: float) -> float:
-    """Sensor noise from differences of neighbouring residuals, which the slow part does not enter.
+    """Sensor noise from differences of neighbouring residuals, in which the slow part cancels.
 
     Parameters
     ----------
     residual : ndarray (K, m)
         K; NaN where there was no reading.
     floor : float
-        Smallest value believed, K: resolution and calibration of the best sensors.
+        Smallest accepted value, K: resolution and calibration of the best sensors.
 
     References
     ----------
@@ -67,12 +67,12 @@ class Whitener:
 
     @classmethod
     def of(cls, valid: NDArray[np.bool_], white: float | Floats, slow: float, tau: float, dt: float) -> "Whitener":
-        """Gains for readings `valid` (K, m), σ_w = `white` > 0, of all or of each, σ_d = `slow` ≥ 0 K, step `dt` s."""
+        """Return gains for readings `valid` (K, m): σ_w = `white` > 0, of all or each, σ_d = `slow` ≥ 0 K, `dt` s."""
         K, m = valid.shape
         a = math.exp(-dt / tau)
         gain, S = np.zeros((K, m)), np.ones((K, m))
         variance = np.broadcast_to(np.square(white), (K, m))
-        for j in range(m):  # plain floats: a scalar recursion is ten times faster so
+        for j in range(m):  # plain floats make a scalar recursion ten times faster
             p, seen, noise = slow**2, valid[:, j].tolist(), variance[:, j].tolist()
             g_j, S_j = [0.0] * K, [1.0] * K
             for k in range(K):

@@ -1,36 +1,38 @@
 r"""Fit of one window: maximum a posteriori over parameters, start, drift of the heat and swing of the inlet.
 
-With φ = ln of the physical values common to the cells, v the coefficients of the effects that every cell may have
-(`carried`), ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped coordinates (`identifiable`), Gauss–Newton
-minimises
+φ: ln of the physical values common to the cells; v: coefficients of the effects that every cell may have (`carried`); ξ
+= (x_0, b, κ): the window's nuisances; z(φ): the lumped coordinates (`identifiable`). Gauss–Newton minimises
 
 .. math::
     \tfrac12 \| W (y - f(\varphi, \xi) - C v) \|^2 + \tfrac12 (\xi - \bar\xi)^T P^{-1} (\xi - \bar\xi)
     + \tfrac12 \delta^T \Lambda \delta + g^T \delta + \tfrac12 \sum_i (\varphi_i - m_i)^2 / s_i^2
     + \tfrac12 v^T v, \qquad \delta = (z(\varphi) - z_0, v)
 
-* x_0: start temperatures, as surfaces T_s and e in T_c = T_s + (R_c/R_u)(T_s − T_f + e): what leaves a casing came from
-  its core but for the little that it stores. So a hot start mid-drive favours neither root, and R_c moves the core with
-  it. Both are correlated between the cells (one pack, one garage).
-* b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its value of now. A real
-  cell's resistance falls as it warms (one more element of b follows the measured surface); without b that passes for a
+* x_0: start temperatures, as surfaces T_s and e in T_c = T_s + (R_c/R_u)(T_s − T_f + e): the heat that leaves a casing
+came
+  from its core, except the little that the casing stores. So a hot start during a drive favours neither root, and R_c
+  moves the core with it. Both are correlated between the cells (one pack, one garage).
+* b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its present value. A real
+  cell's resistance falls as it warms (one more element of b follows the measured surface). Without b, this looks like a
   time constant, and R_c and R_u are confidently wrong.
-* κ: gain of the inlet's departures from its mean. A reading that moves no more than its own error says nothing of μ,
-  however sharply the equations would take it at its word.
-* W whitens sensor noise and slow model discrepancy.
-* v lasts from window to window as φ does, and evidence of it is carried along.
-* What noise of the inlet's readings is expected to add to the first term is taken off it (`inlet_noise`).
+* κ: gain of the inlet's deviations from its mean. A reading that moves no more than its own error contains no
+information
+  on μ, although the equations without κ would use it.
+* W whitens sensor noise and the slow model error.
+* v is constant from window to window like φ, and its evidence is carried along.
+* The expected addition of the noise of the inlet's readings to the first term is subtracted (`inlet_noise`).
 
-Cells are alike while the modes are sought; what their differences do to the mean and its band is reckoned at the mode
-(`window_evidence`), from one more simulation and one linear step.
+Cells are equal while the modes are searched. The effect of their differences on the mean and its band is computed at
+the mode (`window_evidence`), from one more simulation and one linear step.
 
-The sizes of b and of the discrepancy are chosen by the marginal likelihood with its determinants: a profile over the
-nuisances prefers whatever lets them swallow the data, and biases R_e by tens of per cent.
+The sizes of b and of the slow error are chosen by the marginal likelihood with its determinants: a profile over the
+nuisances prefers those that absorb the data, and biases R_e by tens of per cent.
 
-A small residual does not make a model right. Where the data want a parameter or a carried effect far off what was known
-of it, or a large slow discrepancy, or a walk that no cell's warming explains, the model lacks something, and its error
-is at least so large that the parameters may stay: the noise is raised by the factor `doubt`, which widens the posterior
-and moves it back towards the prior. From `HOPELESS` on the window is not used, and the evidence before it is doubted.
+A small residual does not prove a model. The model lacks something if the data want a parameter or a carried effect far
+from its prior, a large slow error, or a walk that no cell's warming explains. Its error is then at least so large that
+the parameters may stay near their prior. The noise is raised by the factor `doubt`, which widens the posterior and
+moves it back towards the prior. From `HOPELESS` on the window is not used, and the weight of earlier evidence is
+reduced.
 """
 
 from dataclasses import dataclass, replace
@@ -40,42 +42,43 @@ import numpy as np
 
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
+from bms_gateway.identify.quadratic import Quadratic
 from bms_gateway.identify.window_evidence import Evidence
 from bms_gateway.identify.window_problem import ANNEAL, Point, Problem, Sizes, V, Window
 from bms_gateway.thermal import Floats, StringModel
 
 Root = Literal["both", "smaller", "larger"]
 SOUND_SLOW = 0.06
-"""K: slow discrepancy that sound models leave beside what their thermocouples round away; from more on, what is slow in
-the residual is an error of the model."""
+"""K: slow error that right models have in addition to the rounding of their thermocouples; a larger slow residual is a
+model error."""
 SOUND_WALK = 0.1
 """Walk of ln R_e that a cell's warming explains."""
-TRIES = 4  # at raising the noise: each starts where the one before ended
-ALMOST = 0.02  # of a factor is none
+TRIES = 4  # at raising the noise: each starts where the previous one ended
+ALMOST = 0.02  # smaller excess of the factor is ignored
 KEPT = 0.25
-"""Of the evidence so far, where a window is not used."""
+"""Share of the earlier evidence that is kept if a window is not used."""
 LEAST_DROP = 0.5
-"""Of a single mode's posterior from its top to the other root, in logarithms: the other root is then one sd away."""
-DEAF = 1e3  # times the noise: only the prior and the evidence speak
+"""Drop of a single mode's log posterior from its top to the other root; below this, the other root is within one sd."""
+DEAF = 1e3  # times the noise: only the prior and the evidence count
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Outcome of one window.
+    """Result of one window.
 
     Attributes
     ----------
     evidence : Evidence
-        Carried in and this window's, about the better root.
+        Earlier evidence and that of this window, about the better root.
     mode : ndarray (p,)
         φ of the better root.
     mean, cov : ndarray (p + 1,), (p + 1, p + 1)
-        Posterior of φ with the carried effects' shares in it, and of the logarithm of the gain of heat from voltage;
-        of both roots together where neither can be excluded.
+        Posterior of φ including the carried effects, and of the logarithm of the gain of heat from voltage; of both
+        roots together if neither can be excluded.
     end : ndarray (2n,)
         (T_s, e) at the end of the window.
     other_root : float
-        Probability of the root that `evidence` is not about.
+        Probability of the root that `evidence` does not describe.
     walk : float
         Chosen size of b.
     white, slow, tau : float
@@ -83,7 +86,7 @@ class Fit:
     rms : float
         Of the surface residual, K.
     doubt : float
-        Factor by which the noise was raised so that parameters stay near what was known of them; 1 for a sound model.
+        Factor by which the noise was raised so that parameters stay near their prior; 1 for a right model.
     """
 
     evidence: Evidence
@@ -102,7 +105,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class WindowJob:
-    """Fit of one window, complete in itself.
+    """Fit of one window with all its data.
 
     Attributes
     ----------
@@ -113,7 +116,7 @@ class WindowJob:
     guess : ndarray (p,)
         First φ.
     start : ndarray (2n,) or None
-        (T_s, e) where the window before ended, °C and K; None where nothing is known.
+        (T_s, e) at the end of the window before, °C and K; None if nothing is known.
     root : {"both", "smaller", "larger"}
         Which roots of Eq 9 are possible.
     model_sd : float, K·√s
@@ -139,7 +142,7 @@ class WindowJob:
 
         References
         ----------
-        Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
+        Lin et al., Eq 1, 9, 16–18 for the model; the method is not in the paper.
         """
         return _fitted(self)
 
@@ -172,25 +175,25 @@ def _fitted(job: WindowJob) -> Fit:
         problem.hear_noise(point, sizes)
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
         point, mean, cov, other = _both_roots(problem, point, sizes, root)
-    if doubt > HOPELESS:  # nothing is learnt, and what was learnt is doubted too
+    if doubt > HOPELESS:  # nothing is learnt, and earlier evidence is reduced
         problem.distrust(KEPT)
         sizes = replace(sizes, white=sizes.white * DEAF, slow=sizes.slow * DEAF)
         point = problem.minimise(point.phi, problem.xi0, sizes, 1.0, 10)
         point, mean, cov, other = _both_roots(problem, point, sizes, root)
-    info, grad = problem.marginal(point)
+    told = problem.marginal(point)
     if model.cells > 1:
-        info, grad = problem.with_cells(point, sizes)
-        step, wider = problem.mean_of_cells(point, info, grad)
+        told = problem.with_cells(point, sizes)
+        step, wider = problem.mean_of_cells(point, told)
         cov += wider - problem.covariance(point)
         mean = np.append(problem.inside(mean[:p], step[:p]), mean[p:] + step[p:])
-    back = np.eye(len(grad))
+    back = np.eye(len(told.pull))
     back[:p, :p] = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
-    info_z = back.T @ info @ back
+    info_z = back.T @ told.H @ back
     rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.means.valid.any() else np.nan
     z = lumped(point.phi, model.has_conduction)
-    v = np.zeros(len(grad))
+    v = np.zeros(len(told.pull))
     v[p : problem.P] = point.xi[:V]
-    grad_z = back.T @ grad - info_z @ v  # evidence is told about v = 0
+    grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
     mean, cov = problem.effective(mean, cov)
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z),
@@ -200,7 +203,7 @@ def _fitted(job: WindowJob) -> Fit:
 
 
 def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tuple[Point, Floats, Floats, float]:
-    """Look on the other side of the fold; mean and covariance of both where neither can be excluded."""
+    """Find the other root; return mean and covariance of both if neither can be excluded."""
     cov = problem.covariance(point)
     here = np.append(point.phi, point.xi[:V])
     other = np.clip(alias(point.phi), problem.sought.low, problem.sought.high)
@@ -213,9 +216,9 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
     info = _of_numbers(problem, point)
     back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))
     if not problem.feasible(other) or 0.5 * jump @ (back.T @ info @ back) @ jump > 20.0:
-        return point, here, cov, 0.0  # the inlet moved enough to exclude it
+        return point, here, cov, 0.0  # the inlet moved enough to exclude the other root
     twin = problem.minimise(other, point.xi, sizes, 1.0, 10)
-    if np.max(np.abs(twin.phi - point.phi)) < 0.05:  # it slid back: there is one mode only
+    if np.max(np.abs(twin.phi - point.phi)) < 0.05:  # it returned: there is only one mode
         mean, cov = _leaning(problem, point, other, sizes, cov)
         return point, mean, cov, 0.0
     weight = 1.0 / (1.0 + np.exp(np.clip(problem.score(twin) - problem.score(point), -50.0, 50.0)))
@@ -228,18 +231,18 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
 
 
 def _of_numbers(problem: Problem, point: Point) -> Floats:
-    """Information (p, p) of the data on φ, the carried effects integrated out with their prior."""
-    info, p = problem.marginal(point)[0], problem.p
-    carried = info[p:, p:] + np.eye(V)
-    return np.asarray(info[:p, :p] - info[:p, p:] @ np.linalg.solve(carried, info[p:, :p]), dtype=np.float64)
+    """Information (p, p) of the data on φ, with the carried effects integrated out."""
+    q, known = problem.marginal(point), np.zeros(problem.P)
+    known[problem.p :] = 1.0
+    return Quadratic(q.H + np.diag(known), q.pull).marginal(np.arange(problem.p)).H
 
 
 def _leaning(problem: Problem, point: Point, other: Floats, sizes: Sizes, cov: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance of a single mode whose posterior reaches farther towards the other root than away from it.
+    """Mean and covariance of a single mode whose posterior is wider towards the other root than away from it.
 
-    With a the way from the mode to the other root, the normal distribution at the mode expects the posterior there by
-    Δ = aᵀ H a / 2 below the mode's, in logarithms. Where it is only Δ* < Δ below, the distribution is wider on that
-    side: (2 Δ)^{-1/2} on one side and (2 Δ*)^{-1/2} on the other, in units of a.
+    With a the vector from the mode to the other root, the normal distribution at the mode expects the log posterior
+    there to be lower by Δ = aᵀ H a / 2. If it is lower by Δ* < Δ only, the distribution is wider on that side: (2
+    Δ)^{-1/2} on one side and (2 Δ*)^{-1/2} on the other, in units of a.
     """
     free, mean = problem.sought.free, np.append(point.phi, point.xi[:V])
     away = other - point.phi
@@ -254,7 +257,7 @@ def _leaning(problem: Problem, point: Point, other: Floats, sizes: Sizes, cov: F
 
 
 def split_normal(near: float, far: float) -> tuple[float, float]:
-    """Mean and variance, about the mode, of a normal distribution with another sd on either side.
+    """Mean and variance, about the mode, of a normal distribution with a different sd on each side.
 
     Parameters
     ----------

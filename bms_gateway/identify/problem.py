@@ -1,4 +1,4 @@
-"""One or several records of a string, the numbers that are free, and what the model reads with them.
+"""One or several records of a string, the free numbers, and the model's readings with them.
 
 The string is that of Lin et al., Eq 16-18, with effects that the paper lacks.
 """
@@ -30,12 +30,12 @@ from bms_gateway.thermal.system import System
 from bms_gateway.thermal.trajectory import Recursion, Variation, readings, reference, sensitivities, simulate
 
 MEMORIES = 32
-"""Sets of numbers whose memories are kept."""
+"""Number of sets of numbers whose memories are kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What the model says with one set of coordinates.
+    """Values of the model with one set of coordinates.
 
     Attributes
     ----------
@@ -53,15 +53,16 @@ class Prediction:
 
 @dataclass(slots=True)
 class Problem:
-    """A model, records, and the coordinates in which it is fitted.
+    """A model, records, and the coordinates of a fit.
 
     Parameters
     ----------
     model : StringModel
-        Its effects are part of it; effects with sd 0 keep their numbers.
+        Including its effects; effects with sd 0 keep their numbers.
     records : sequence of Measured
     beliefs : mapping of coordinate to Belief
-        Priors in place of the coordinates' own; named without cell, span and record. A nuisance of sd 0 is none.
+        Priors that replace those of the coordinates; names without cell, span and record. A nuisance of sd 0 is left
+        out.
     """
 
     model: StringModel
@@ -81,7 +82,7 @@ class Problem:
         self.physics = Physics(self.model)
         self.coordinates = tuple(parameters(self.model, len(self.records)))
         self.coordinates += tuple(c for r, m in enumerate(self.records) for c in starts(r, m, len(self.records)))
-        # last: a model with one more effect has the same coordinates and some at the end
+        # last, so that one more effect only appends coordinates
         self.coordinates += tuple(c for e in self.model.effects for c in effect_numbers(e.key, e.name, e.values, e.sd))
         self.coordinates = tuple(believed(c, self.beliefs) for c in self.coordinates)
         small = (believed(c, self.beliefs) for c in nuisances(self.model, self.records))
@@ -93,31 +94,31 @@ class Problem:
 
     @property
     def begin(self) -> Floats:
-        """Where a fit starts."""
+        """Start of a fit."""
         return np.array([c.begin for c in self.coordinates])
 
     @property
     def places(self) -> tuple[Places, ...]:
-        """Where the records' columns are taken in a fit."""
+        """Places at which the records' columns are computed in a fit."""
         if self._places is None:
             self._places = tuple(places(m) for m in self.records)
         return self._places
 
     def forget(self) -> None:
-        """Drop what can be computed again."""
+        """Delete what can be computed again."""
         self._places = None
         self._memories.clear()
 
     def gathered(self, r: Floats) -> Floats:
-        """Residuals (M,) in units of the noise as the columns at the places see them (M',)."""
+        """Residuals (M,) in units of the noise in the form of the columns at the places (M',)."""
         return np.concatenate([p.gathered(x) for p, x in zip(self.places, self._by_record(r), strict=True)])
 
     def averaged(self, columns: Floats) -> Floats:
-        """Take means at the places (M', P) of columns at the readings (M, P)."""
+        """Return means at the places (M', P) of columns at the readings (M, P)."""
         return np.concatenate([p.averaged(x) for p, x in zip(self.places, self._by_record(columns), strict=True)])
 
     def spread(self, columns: Floats) -> Floats:
-        """Give every reading (M, P) the column of its place (M', P)."""
+        """Return for every reading (M, P) the column of its place (M', P)."""
         edges = np.cumsum([0, *(len(p.first) for p in self.places)])
         return np.asarray(
             columns[np.concatenate([p.place + first for p, first in zip(self.places, edges, strict=False)])]
@@ -145,13 +146,13 @@ class Problem:
     def system(
         self, r: int, theta: Floats, nu: Floats | None = None, m: Measured | None = None
     ) -> tuple[System, tuple[Floats, ...]]:
-        """Balances of record `r`, or of `m` in its place, and the start (D,) of each of its spans."""
+        """Balances of record `r` (or of `m` instead), and the start (D,) of each of its spans."""
         v, starts = self.numbers(r, theta, nu)
         m = m or self.records[r]
         return System(self.physics, m.drive, v, self._memory(m.drive, r, v), m.spans), starts
 
     def predict(self, theta: Floats, guess: Sequence[Floats] | None = None, nu: Floats | None = None) -> Prediction:
-        """Run the model freely over all records and read it; `guess` are trajectories near the result."""
+        """Simulate all records and compute the readings; `guess`: trajectories near the result."""
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
             beat()
@@ -169,12 +170,12 @@ class Problem:
         return Prediction(np.concatenate(ys), tuple(Xs), settled)
 
     def renew(self, prediction: Prediction, theta: Floats, nu: Floats | None = None) -> None:
-        """Take the reference of the recursions anew, about a trajectory; before a fit, not within one."""
+        """Renew the reference of the recursions about a trajectory; before a fit, not within one."""
         for r in range(len(self.records)):
             self._refer(r, self.numbers(r, theta, nu)[0], prediction.X[r].mean(axis=0))
 
     def _refer(self, r: int, v: Numbers, about: Floats) -> Recursion:
-        """Take the recursion of record `r` about a state (D,)."""
+        """Build the recursion of record `r` about a state (D,)."""
         u = self.records[r].drive
         recursion = self._recursion[r] = reference(System(self.physics, u, v, self._memory(u, r, v)), about)
         return recursion
@@ -190,7 +191,7 @@ class Problem:
     ) -> Floats:
         """Return the derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit.
 
-        `records` are the same ones read elsewhere or in longer intervals, which `prediction` then has too.
+        `records` are the same records at other places or with longer intervals; `prediction` must then have the same.
         """
         records = self.records if records is None else records
         J = np.zeros((len(coordinates), sum(len(m.y) for m in records)))
@@ -222,7 +223,7 @@ class Problem:
         refinements: int = 1,
         nu: Floats | None = None,
     ) -> Floats:
-        """Return `jacobian` (M', P) at the records' `places`, which will do to find a way down."""
+        """Return `jacobian` (M', P) at the records' `places`, which is exact enough for a step."""
         at = [p.at for p in self.places]
         there = replace(prediction, X=tuple(X[p.rows] for p, X in zip(self.places, prediction.X, strict=True)))
         slow = [c for c in coordinates if not c.sudden]
@@ -234,7 +235,7 @@ class Problem:
         return J
 
     def _moved(self, m: Measured, system: System, X: Floats, S: Floats, variations: Sequence[Variation]) -> Floats:
-        """Move the channels' signals with the states: derivatives (P, m, rows) from `S` (rows, D, P)."""
+        """Differentiate (P, m, rows) the channels' signals by the states, from `S` (rows, D, P)."""
         if not self.physics.reads:
             state = [2 * k - 1 if kind == "surface" else 2 * k - 2 for kind, k in m.channels]
             S = S.transpose(2, 1, 0)
@@ -273,7 +274,7 @@ class Problem:
         return Variation(new, memory, step, start, c.only_start)
 
     def _memory(self, u: Drive, r: int, v: Numbers) -> Mapping[str, Floats]:
-        """Effects' memories of the inputs of record `r`; a fit comes back to the same numbers of an effect again."""
+        """Effects' memories of the inputs of record `r`, cached because a fit often returns to the same numbers."""
         key = (r, u.dt, *((name, *v.effects[name].values()) for name in self.physics.remembering))
         if key not in self._memories:
             if len(self._memories) >= MEMORIES:
@@ -306,7 +307,7 @@ class Problem:
         return v, starts
 
     def _reading_errors(self, r: int, v: Numbers, starts: Sequence[Floats]) -> list[Floats]:
-        """Tell what the thermocouples add at each start, cell by cell: starts were taken from their readings."""
+        """Return the thermocouples' errors at each start, per cell: starts were taken from their readings."""
         m, n = self.records[r], self.model.cells
         sensed = sorted({k for kind, k in m.channels if kind == "surface"})
         found = []
@@ -320,7 +321,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Here:
-    """Where a record is differentiated: coordinates and nuisances, and what follows from them."""
+    """Point at which a record is differentiated: coordinates, nuisances, and what follows from them."""
 
     r: int
     theta: Floats
@@ -339,7 +340,7 @@ def _channels(m: Measured, system: System, X: Floats) -> Floats:
 
 
 def signals_at(m: Measured, system: System, X: Floats) -> Floats:
-    """Read the record's thermocouples (M,) along a trajectory, at the readings' own time stamps, °C."""
+    """Return readings (M,), °C, of the record's thermocouples along a trajectory, at the readings' time stamps."""
     return _at(m, _channels(m, system, X), np.empty(len(m.y)))
 
 

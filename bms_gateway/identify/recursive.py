@@ -4,9 +4,9 @@ r"""The paper's on-line method: recursive least squares over the filtered regres
     K = \frac{P\varphi}{f + \varphi^T P \varphi}, \quad \theta^+ = \theta + K (z - \varphi^T\theta), \quad
     P^+ = (P - K \varphi^T P) / f
 
-in scaled signals. It freezes while |φ|²/m² < 1e-3 with m² = 1 + |φ|²: forgetting while parked forgets everything.
-Noise of T_s sits in the regressors, so the estimates are biased (R_e −10 % at 0.05 K, folded at 0.1 K) and the stated
-sd, which does not know of it, is a lower bound. Use the windowed method on a vehicle.
+in scaled signals. Learning stops while |φ|²/m² < 1e-3 with m² = 1 + |φ|², because forgetting while parked would forget
+everything. The regressors contain the noise of T_s, so the estimates are biased (R_e −10 % at 0.05 K, on the fold at
+0.1 K), and the stated sd, which ignores it, is a lower bound. Use the windowed method on a vehicle.
 """
 
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ P0 = 1e4
 QUIET = 1e-3
 """|φ|²/m² below which nothing is learnt."""
 MOVED_K = 0.5
-"""K: sd of the inlet over `MEMORY_S` from which s·T_f is believed to be excited."""
+"""K: sd of the inlet over `MEMORY_S` above which s·T_f counts as excited."""
 MEMORY_S = 600.0
 COLOUR = 2.0 / LAMBDA
 """Steps over which the filter correlates the residual: so many samples count as one in the sd."""
@@ -68,7 +68,7 @@ class RecursiveLeastSquares:
     forgetting : float
         f, 1 for none.
     normalised : bool
-        Divide every row by m, m² = 1 + |φ|², as the paper does: strong excitation then teaches no faster than weak.
+        Divide every row by m, m² = 1 + |φ|², as the paper does: strong excitation then counts no more than weak.
 
     References
     ----------
@@ -84,7 +84,7 @@ class RecursiveLeastSquares:
         self.count = 0
 
     def update(self, z: float, phi: Floats) -> bool:
-        """Take in one row; False where it was too quiet to learn from."""
+        """Include one row; return False if its excitation was too small."""
         size = float(phi @ phi)
         if size / (1.0 + size) < QUIET:
             return False
@@ -101,9 +101,9 @@ class RecursiveLeastSquares:
 
 
 class RecursiveIdentifier:
-    """The reference method behind the common verbs; one cell at the coolant inlet that no neighbour touches.
+    """The reference method as an `Identifier`; one cell at the coolant inlet without neighbours.
 
-    Works one tick late: the reading at a tick is interpolated between the two readings around it.
+    It works one tick late: the reading at a tick is interpolated between the two readings around it.
 
     Parameters
     ----------
@@ -116,10 +116,10 @@ class RecursiveIdentifier:
     forgetting : float
         1 for none.
     normalised : bool
-        As `RecursiveLeastSquares` says. With P = 100 and a pole of 0.1 it learns at the speed that the paper shows.
+        See `RecursiveLeastSquares`. With P = 100 and a pole of 0.1 it learns at the speed that the paper shows.
     root : {"prior", "smaller", "larger"}
-        Which root of Eq 9 is the cell while the inlet stands still: the one on the side of the medians of R_c and R_u,
-        or the one that is known: the smaller where air is forced past the cell, the larger where it is still.
+        Root of Eq 9 for a constant inlet: the root on the side of the medians of R_c and R_u, or a known one: the
+        smaller if air is forced past the cell, the larger if the air is still.
 
     References
     ----------
@@ -155,7 +155,7 @@ class RecursiveIdentifier:
         self._inlet_mean, self._inlet_var, self._learnt = np.nan, 0.0, 0.0
 
     def add(self, tick: Tick) -> None:
-        """Take in one tick; never hands out a job."""
+        """Include one tick; never returns a job."""
         before, self._before = self._before, tick
         if not self._fits or before is None:
             return
@@ -169,7 +169,7 @@ class RecursiveIdentifier:
         if self._filter is None:
             self._filter = Filter(tick.dt, self._pole)
             self._filter.start(T_s, before.inlet)
-            for rls in (self._three, self._four):  # a new start has a T_s'(0) of its own
+            for rls in (self._three, self._four):  # a new start has another T_s'(0)
                 rls.P[-1, :] = rls.P[:, -1] = 0.0
                 rls.P[-1, -1] = P0
                 rls.theta[-1] = 0.0
@@ -189,22 +189,22 @@ class RecursiveIdentifier:
         self._inlet_var += share * (off * off - self._inlet_var)
 
     def patience(self, dt: float) -> int:  # noqa: ARG002 — the protocol
-        """Return 0: every tick counts when it comes."""
+        """Return 0: every tick is needed at once."""
         return 0
 
     def take(self, ticks: Ticks) -> None:
-        """Never asked: nothing waits."""
+        """Do nothing: no tick waits."""
 
     def accept(self, result: object) -> None:
-        """Nothing is ever handed out, so nothing comes back."""
+        """Do nothing: no job was returned."""
 
     def _moving(self) -> tuple[bool, RecursiveLeastSquares]:
-        """Whether the inlet moves, and the regression that this asks for."""
+        """Whether the inlet moves, and the regression for this case."""
         moving = self._inlet_var > MOVED_K**2
         return moving, self._four if moving else self._three
 
     def _back(self, theta: Floats) -> Cell | None:
-        """Find the physical cell behind scaled coefficients."""
+        """Find the physical cell of scaled coefficients."""
         C_c, C_s, R_c, R_u = np.exp(self._prior_mean[[C_C, C_S, R_C, R_U]])
         a, b, g = unscale(theta[:3]).tolist()
         if len(theta) == 5:
@@ -216,7 +216,7 @@ class RecursiveIdentifier:
         return None if cell is None else np.log([cell.R_e, cell.R_c, cell.R_u])
 
     def _physical(self) -> tuple[Floats | None, Floats | None, str]:
-        """ln(R_e, R_c, R_u), its sd, and why not."""
+        """ln(R_e, R_c, R_u), its sd, and the reason if there is none."""
         moving, rls = self._moving()
         ln = self._logarithms(rls.theta)
         if ln is None:
@@ -234,9 +234,9 @@ class RecursiveIdentifier:
         return both.smaller if self._root == "smaller" else both.larger
 
     def cell(self) -> Cell | None:
-        """Give the cell behind the coefficients of now, believable or not; None where Eq 9 has no answer.
+        """Return the cell of the present coefficients, reliable or not; None if Eq 9 has no solution.
 
-        `estimates` is what to use on a vehicle: it waits, and states a band.
+        Use `estimates` on a vehicle: it waits until the result is reliable, and states a band.
         """
         return self._back(self._moving()[1].theta)
 
@@ -256,7 +256,7 @@ class RecursiveIdentifier:
         return Posterior(self._names, mean, cov), status
 
     def posterior(self) -> Posterior:
-        """Gaussian over the logarithms; the prior for what is not identified."""
+        """Gaussian over the logarithms; the prior for numbers that are not identified."""
         return self._knowledge()[0]
 
     def estimates(self) -> tuple[Estimate, ...]:
@@ -264,7 +264,7 @@ class RecursiveIdentifier:
         return estimates_of(*self._knowledge())
 
     def doubts(self) -> tuple[str, ...]:
-        """Nothing: this method does not judge the model."""
+        """Return no doubts: this method does not judge the model."""
         return ()
 
     def snapshot(self) -> dict[str, Any]:
@@ -298,6 +298,6 @@ class RecursiveIdentifier:
 
 
 def _first_cell_from_mean(model: StringModel, names: tuple[str, ...]) -> Floats:
-    """Variance of ln(first cell/mean of all) by the model's tolerances, per parameter: only that cell is seen."""
+    """Variance of ln(first cell/mean of all) by the model's tolerances, per parameter: only that cell is sensed."""
     tolerance = np.array([model.tolerances.get(f"cell_{name}", 0.0) for name in names])
     return np.asarray(tolerance**2 * (1.0 - 1.0 / model.cells), dtype=np.float64)

@@ -1,15 +1,15 @@
-r"""The paper's filtered regression of one cell, and the way back from its coefficients to R_e, R_c, R_u.
+r"""The paper's filtered regression of one cell, and the conversion of its coefficients to R_e, R_c, R_u.
 
-With T̃ the departure from the first sample and Λ(s) = (s + λ_1)(s + λ_2), exactly and for any start
+With T̃ the difference from the first sample and Λ(s) = (s + λ_1)(s + λ_2), exactly and for any start
 
 .. math::
     \frac{s^2}{\Lambda} \tilde T_s = \alpha \frac{1}{\Lambda} I^2 + \beta \frac{1}{\Lambda} (T_f - T_s)
     + \gamma \frac{s}{\Lambda} \tilde T_s + \mu \frac{s}{\Lambda} \tilde T_f + \frac{1}{\Lambda} T_s'(0)
 
-The paper keeps the first three (Eq 8): right while T_f stands still and the start is an equilibrium. The fourth is
-needed when T_f moves, the fifth (the filter's impulse response, coefficient T_s'(0)) when the start is no equilibrium.
-Mean I² is held (zero order), temperatures are joined by straight lines (first order): below 0.06 % at 1 s, where
-holding everything costs 8 % and the bilinear rule 20 %.
+The paper keeps the first three terms (Eq 8): correct while T_f is constant and the start is an equilibrium. The fourth
+is needed when T_f moves, the fifth (the filter's impulse response, coefficient T_s'(0)) when the start is no
+equilibrium. Mean I² is constant over a step (zero order), temperatures are linear (first order): errors below 0.06 % at
+1 s. With all inputs of zero order the error is 8 %, with the bilinear rule 20 %.
 """
 
 from collections.abc import Callable
@@ -23,11 +23,11 @@ from bms_gateway.thermal.exponential import exponential
 LAMBDA = 0.05
 """1/s: both poles of the filter, between the cell's own 0.0018 and 0.11."""
 SCALE = np.array([60.0**2, 10.0, 0.1, 0.1, 0.1])
-"""Sizes of I², T_f − T_s, sT_s, sT_f and T_s'(0): A², K, K/s, K/s, K/s. Unscaled, I² alone rules the normalisation."""
+"""Sizes of I², T_f − T_s, sT_s, sT_f and T_s'(0): A², K, K/s, K/s, K/s. Unscaled, I² alone determines m."""
 Z_SCALE = 0.1 * LAMBDA
 """K/s²: size of s²T_s."""
 FOLD = 0.005
-"""Share of γ² below which the discriminant says nothing: R_u within 15 % of R_u*."""
+"""Share of γ² below which the discriminant is not reliable: R_u within 15 % of R_u*."""
 
 
 class Filter:
@@ -51,7 +51,7 @@ class Filter:
         self._A, self._held, self._slope = E[:2, :2], E[:2, 2], E[:2, 3]
 
     def start(self, T_s: float, T_f: float) -> None:
-        """Begin at the first sample, °C."""
+        """Start at the first sample, °C."""
         self._T0 = np.array([T_s, T_f])
         self._last = np.array([T_f - T_s, 0.0, 0.0])
         self._x = np.zeros((2, 5))  # I², T_f − T_s, T̃_s, T̃_f, impulse; rows: value, rate
@@ -111,14 +111,14 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Roots:
-    """Both answers of Eq 9.
+    """Both solutions of Eq 9.
 
     Attributes
     ----------
     smaller, larger : Cell or None
         By R_u; None where the discriminant is not clearly positive or a coefficient has the wrong sign.
     why : str
-        Empty, or why there is no answer.
+        Empty, or why there is no solution.
     """
 
     smaller: Cell | None
@@ -127,7 +127,7 @@ class Roots:
 
 
 def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Roots:
-    """Physical cells behind the three-regressor form.
+    """Physical cells of the three-regressor form.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
 
     References
     ----------
-    Lin et al., Eq 9; both roots are positive, and which is right depends on the flow.
+    Lin et al., Eq 9; both roots are positive, and the flow decides which is right.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
 
 
 def choose_root(both: Roots, R_c: float, R_u: float) -> Cell | None:
-    """Take the root on the side of R_u = R_u* where rough values of R_c, R_u (K/W) lie: nearest in ln(R_u/R_c).
+    """Choose the root on the side of R_u = R_u* of rough values of R_c, R_u (K/W): nearest in ln(R_u/R_c).
 
     References
     ----------
@@ -173,9 +173,9 @@ def choose_root(both: Roots, R_c: float, R_u: float) -> Cell | None:
 
 
 def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: float) -> Cell | None:
-    """Solve for the one physical cell behind the four-regressor form; only C = C_c + C_s (J/K) is presumed.
+    """Solve for the one physical cell of the four-regressor form; only C = C_c + C_s (J/K) is assumed.
 
-    R_e R_c does not even depend on how C is shared; None where a coefficient has the wrong sign.
+    R_e R_c does not depend on the division of C. None if a coefficient has the wrong sign.
 
     References
     ----------
@@ -198,7 +198,7 @@ def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: flo
 
 
 def delta_sd(f: Callable[[Floats], Floats | None], theta: Floats, cov: Floats) -> Floats | None:
-    """Propagate a covariance: sd of f(θ) at first order; None where f has no answer at θ or close by.
+    """Propagate a covariance: sd of f(θ) to first order; None if f has no value at θ or nearby.
 
     References
     ----------

@@ -1,19 +1,19 @@
-r"""R_e of each cell of a string from one or a few surfaces, and from the cells' voltages where the bus carries them.
+r"""R_e of each cell of a string from one or a few surfaces, and from the cells' voltages if the bus has them.
 
-The paper leaves open how several cells' parameters can be found from few sensors. Two sensors tell two combinations
-of the R_e,k; the differences between unread cells stay where they were, unless the voltages tell them
-(`cell_prior`). Everything else that is not known is marginalised, not estimated along: per-cell R_u, R_c, C_c, the
-string's C_s, R_cc, C_f, the sensors' offsets, the temperatures at the start, and three slow disturbances.
+The paper does not say how the parameters of several cells can be found from few sensors. Two sensors determine two
+combinations of the R_e,k; differences between unread cells keep their prior, unless voltages determine them
+(`cell_prior`). All other unknowns are marginalised and not estimated: per-cell R_u, R_c, C_c, the string's C_s, R_cc,
+C_f, the sensors' offsets, the temperatures at the start, and three slow disturbances.
 
 With f(θ) the undisturbed response and S the covariance of readings about it (`disturbed`), one step is
 
 .. math::
     \theta \leftarrow \theta + (J^T S^{-1} J + \Lambda)^{-1} [J^T S^{-1} (y - f) + \Lambda(\bar\theta - \theta)]
 
-Fisher scoring on the marginal likelihood. The derivatives of ln det S and of S inside the quadratic form cancel in
-expectation and are left out, both; leaving out only the first would reward numbers that make disturbances cheap (10
-to 30 % of R_e, as a joint fit of numbers and disturbances does). The level of the cells' own disturbances is chosen by
-the marginal likelihood itself, ln det S included.
+This is Fisher scoring on the marginal likelihood. The derivatives of ln det S and of S inside the quadratic form cancel
+in expectation, and both are omitted. Omitting only the first would favour numbers that make disturbances cheap (10 to
+30 % of R_e, as in a joint fit of numbers and disturbances). The level of the cells' own disturbances is chosen by the
+marginal likelihood itself, including ln det S.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout, cell_prior
-from bms_gateway.identify.disturbed import disturbed, whiten
+from bms_gateway.identify.disturbed import Blocks, disturbed, whiten
 from bms_gateway.identify.doubt import noise_factor, sound_sd
+from bms_gateway.identify.quadratic import Quadratic
 from bms_gateway.identify.response import Inputs, surfaces
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel
 
@@ -33,13 +34,13 @@ PROBE = 1e-4
 STEPS = 12
 HALVINGS = 20
 SETTLED = 0.02
-"""A step of so few posterior sd (norm over all numbers) is the last."""
+"""A step below this many posterior sd (norm over all numbers) is the last."""
 LEVELS = (1.0, 1.6, 2.5, 4.0, 6.3)
 """Factors on the cells' own disturbances that are tried in turn until the likelihood falls."""
 UNLIKE_SD = 3.0
-"""Prior sd that a cell's number may be moved from the mean of its string's: the most extreme of some tens of cells."""
+"""Prior sd by which a cell's number may differ from its string's mean: the most extreme of some tens of cells."""
 LAGS_S = 600.0
-"""Correlation of innovations is looked for over the time that disturbances last."""
+"""Correlation of innovations is summed over the duration of disturbances."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +55,10 @@ class CellRecord:
     surface : ndarray (K, r), °C
         Readings that belong to instants 1…K; NaN where there is none.
     age : ndarray (K, r), s
-        Instant less time of the reading, 0…dt.
+        Instant minus time of the reading, 0…dt.
     dt : float, s
     cells : tuple of int, optional
-        0-based cells that these columns are of; all, in their order, by default.
+        0-based cells of these columns; all, in their order, by default.
     """
 
     mean_square_current: Floats
@@ -93,16 +94,16 @@ class CellFit:
     prior : CellPrior
         Without the record's temperatures, with the voltages.
     level : float
-        Factor on the cells' own disturbances that the record asked for.
+        Factor on the cells' own disturbances that fits the record best.
     inflation : float
         Factor on the data's covariance because the innovations are not white.
     sensed : tuple of int
         0-based.
     log_marginal : float
-        ln p(y | θ) where it is greatest, before any doubt.
+        Greatest ln p(y | θ), before any doubt.
     doubt : float
-        Factor by which the noise was raised so that the numbers stay near what was known of them (`doubt`); 1 for a
-        record that the model explains.
+        Factor by which the noise was raised so that the numbers stay near their prior (`doubt`); 1 for a record that
+        the model explains.
     """
 
     layout: Layout
@@ -116,7 +117,7 @@ class CellFit:
     doubt: float = 1.0
 
     def baseline(self, resistance: Floats | None = None) -> Baseline:
-        """Keep what was found, with the electrical resistances (n,) of the same run, as a later fit's prior."""
+        """Return the result, with the electrical resistances (n,) of the same run, as the prior of a later fit."""
         n = self.layout.cells
         return Baseline(self.layout, self.mean, self.cov, np.full(n, np.nan) if resistance is None else resistance)
 
@@ -139,14 +140,14 @@ class CellFit:
 
 @dataclass(frozen=True, slots=True)
 class CellNumbers:
-    """A fit as an observer takes it: numbers of the cells, what is uncertain together and what of each cell's own.
+    """A fit in the form for an observer: numbers of the cells, common uncertainty and each cell's own.
 
     Attributes
     ----------
     values : mapping of symbol to ndarray (n,) or float, SI
     names : tuple of str
     common : ndarray (p, p)
-        Covariance of the logarithms as far as the cells share it, in the order of `names`.
+        Common part of the covariance of the logarithms, in the order of `names`.
     own : ndarray (n, 3, 3)
         The rest for ln R_e, ln R_u, ln R_c of each cell.
     """
@@ -158,12 +159,12 @@ class CellNumbers:
 
 
 def numbers_of(model: StringModel, fit: CellFit) -> CellNumbers:
-    """Split a fit into what is common to the cells and what is each one's own.
+    """Split a fit into the common part and each cell's own part.
 
     Returns
     -------
     CellNumbers
-        Both covariances positive semi-definite; of one cell alone all is common.
+        Both covariances positive semi-definite; for a single cell everything is common.
     """
     n, layout = model.cells, fit.layout
     names = tuple(dict.fromkeys(s for s, _ in layout.names))
@@ -199,9 +200,19 @@ class _Linear:
     def deviance(self) -> float:
         return float(np.sum(self.white**2)) + self.log_det + self.readings * float(np.log(2.0 * np.pi))
 
+    @property
+    def info(self) -> Floats:
+        """Fisher information of the readings alone (p, p)."""
+        return np.asarray(np.einsum("bmp,bmq->pq", self.slopes, self.slopes), dtype=np.float64)
 
-class _Problem:
-    """One record to be fitted."""
+    def posterior(self, theta: Floats, prior: CellPrior) -> Quadratic:
+        """Posterior about θ, to first order."""
+        pull = np.einsum("bmp,bm->p", self.slopes, self.white) + prior.precision @ (prior.mean - theta)
+        return Quadratic(self.info + prior.precision, pull)
+
+
+class CellProblem:
+    """Fit of one record."""
 
     def __init__(
         self, model: StringModel, record: CellRecord, settings: CellSettings, disturbance: Disturbance, start: Start
@@ -232,7 +243,7 @@ class _Problem:
         return np.asarray(padded.reshape(self.blocks, self.steps, -1).sum(axis=1), dtype=np.float64)
 
     def residuals(self, thetas: Sequence[Floats]) -> Floats:
-        """Block means of readings less undisturbed response (B, m, S)."""
+        """Block means of readings minus undisturbed response (B, m, S)."""
         sets = [self.layout.parameters(self.model, t) for t in thetas]
         x0 = np.full((len(sets), 2 * self.model.cells), self.level)
         out = np.empty((self.blocks, len(self.sensed), len(sets)))
@@ -243,7 +254,7 @@ class _Problem:
         return out
 
     def inside(self, theta: Floats, step: Floats) -> Floats:
-        """As much of `step` from a feasible θ as keeps a coolant node (bulk: R_u C_f > 1, with room for the probe)."""
+        """Largest part of `step` from a feasible θ that keeps a coolant node (bulk: R_u C_f > 1, plus the probe)."""
         if not self.model.has_coolant_path or self.model.coolant == "ntu":
             return np.asarray(theta + step, dtype=np.float64)
         for _ in range(HALVINGS):
@@ -263,10 +274,10 @@ class _Problem:
     def whitened(self, theta: Floats, columns: Floats, level: float) -> _Linear:
         """Whiten columns with the filter at θ."""
         d = replace(self.disturbance, heat_cell=level * self.disturbance.heat_cell)
-        block_s = self.steps * self.record.dt
         p = self.layout.parameters(self.model, theta)
-        middle = (self.steps + 1) / 2.0 * self.record.dt  # mean instant of readings 1…steps
-        string = disturbed(p, self.sensed, block_s, d, self.settings.offset_sd, self.start, middle)
+        # the middle of the first block: the mean instant of readings 1…steps
+        blocks = Blocks(self.steps * self.record.dt, (self.steps + 1) / 2.0 * self.record.dt)
+        string = disturbed(p, self.sensed, blocks, d, self.settings.offset_sd, self.start)
         white, log_det = whiten(string, columns, self.count, d.sensor)
         return _Linear(white[:, :, 0], white[:, :, 1:], log_det, int((self.count > 0).sum()))
 
@@ -288,32 +299,32 @@ def fit_cells(
     Parameters
     ----------
     model : StringModel
-        Priors' `rel_sd` are those of the string's means.
+        The priors' `rel_sd` are those of the string's means.
     record : CellRecord
     resistance, resistance_rel_sd : ndarray (n,), optional
         Electrical resistance of each cell and its relative error; NaN for a cell without voltage.
     baseline : Baseline, optional
-        In place of the model's hierarchical prior: what a commissioning run with more sensors left.
+        Replaces the model's hierarchical prior: the result of a commissioning run with more sensors.
     settings, disturbance, start : optional
     guess : mapping of symbol to float, optional
-        Logarithm of the cells' geometric mean, from where to begin to search where the prior is wide.
+        Logarithm of the cells' geometric mean: start of the search if the prior is wide.
 
     Returns
     -------
     CellFit
-        Always; cells about which nothing is learnt keep what was known before.
+        Always; cells without information keep their prior.
 
     Raises
     ------
     ValueError
-        The baseline is of another structure: the caller's mistake.
+        The baseline is of another structure: an error of the caller.
 
     Notes
     -----
     About 0.5 s for 5 cells and 89 minutes. Pure: the same arguments give the same result to the last bit.
     """
     settings, start = settings or CellSettings(), start or Start()
-    problem = _Problem(model, record, settings, disturbance or Disturbance(), start)
+    problem = CellProblem(model, record, settings, disturbance or Disturbance(), start)
     layout = problem.layout
     nothing = np.full(model.cells, np.nan)
     R_el = nothing if resistance is None else resistance
@@ -336,18 +347,18 @@ def fit_cells(
         theta = _scored(problem, prior, theta, level)
         at = problem.linear(theta, level)
     inflation = _coloured(at.white, problem.count > 0, problem.steps * record.dt)
-    info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) / inflation
+    info = at.info / inflation
     doubt = _doubt(layout, prior, info, theta)
     if doubt > 1.0:
         pull = (info + prior.precision) @ (theta - prior.mean) / doubt**2
         info, inflation = info / doubt**2, inflation * doubt**2
-        theta = problem.inside(prior.mean, np.linalg.solve(info + prior.precision, pull))
+        theta = problem.inside(prior.mean, Quadratic(info + prior.precision, pull).step)
     cov = _inverse(info + prior.precision)
     return CellFit(layout, theta, cov, prior, level, inflation, problem.sensed, -0.5 * at.deviance, doubt)
 
 
 def _doubt(layout: Layout, prior: CellPrior, info: Floats, theta: Floats) -> float:
-    """Factor on the noise with which the string's means, and each cell's departures from them, stay near the prior."""
+    """Factor on the noise with which the string's means, and each cell's differences from them, stay near the prior."""
     cov = _inverse(prior.precision)
     rows, limits = [], []
     for symbol in dict.fromkeys(s for s, _ in layout.names):
@@ -369,31 +380,27 @@ def _inverse(a: Floats) -> Floats:
     return np.asarray((inverse + inverse.T) / 2.0, dtype=np.float64)
 
 
-def _scored(problem: _Problem, prior: CellPrior, theta: Floats, level: float) -> Floats:
-    """Iterate to the fixed point; a step that would go beyond three prior sd is shortened."""
+def _scored(problem: CellProblem, prior: CellPrior, theta: Floats, level: float) -> Floats:
+    """Iterate to the fixed point; a step of more than three prior sd is shortened."""
     prior_sd = np.sqrt(np.diag(np.linalg.inv(prior.precision)))
     for _ in range(STEPS):
-        at = problem.linear(theta, level)
-        info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) + prior.precision
-        gradient = np.einsum("bmp,bm->p", at.slopes, at.white) + prior.precision @ (prior.mean - theta)
-        step = np.linalg.solve(info, gradient)
+        q = problem.linear(theta, level).posterior(theta, prior)
+        step = q.step
         far = float(np.max(np.abs(step) / np.minimum(prior_sd, 0.3)))
         theta = problem.inside(theta, step / max(1.0, far))
-        if far < 1.0 and float(np.sqrt(step @ info @ step)) < SETTLED:
+        if far < 1.0 and q.promise < SETTLED**2:
             break
     return theta
 
 
-def _best_level(problem: _Problem, prior: CellPrior, theta: Floats) -> tuple[float, _Linear]:
+def _best_level(problem: CellProblem, prior: CellPrior, theta: Floats) -> tuple[float, _Linear]:
     """Choose the level of the cells' own disturbances by marginal likelihood, θ integrated out to first order."""
     r = problem.residuals([theta, *(theta + PROBE * e for e in np.eye(len(theta)))])
     r[:, :, 1:] = (r[:, :, :1] - r[:, :, 1:]) / PROBE
     best, chosen, kept = np.inf, 1.0, None
     for level in LEVELS:
         at = problem.whitened(theta, r, level)
-        info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) + prior.precision
-        gradient = np.einsum("bmp,bm->p", at.slopes, at.white) + prior.precision @ (prior.mean - theta)
-        deviance = at.deviance - float(gradient @ np.linalg.solve(info, gradient)) + float(np.linalg.slogdet(info)[1])
+        deviance = at.posterior(theta, prior).integrated(at.deviance)
         if kept is not None and deviance >= best:
             break
         best, chosen, kept = deviance, level, at
@@ -401,7 +408,7 @@ def _best_level(problem: _Problem, prior: CellPrior, theta: Floats) -> tuple[flo
 
 
 def _coloured(white: Floats, there: NDArray[np.bool_], block_s: float) -> float:
-    """Sum the innovations' correlations over the disturbances' time: how many times less they tell than white ones."""
+    """Sum the innovations' correlations over the disturbances' time: their loss of information against white ones."""
     lags = max(1, round(LAGS_S / block_s))
     n = float(there.sum())
     total = float(np.sum(white**2)) / n

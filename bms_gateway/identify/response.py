@@ -1,10 +1,10 @@
 """Free response of a string to its measured inputs for many parameter sets at once, block by block.
 
-A window has a thousand steps; stepping them one by one costs a thousand small products per parameter set. Within a
-block of L steps the response is one Toeplitz matrix times the inputs, the same for every block, so only the blocks'
-first states are stepped. The result equals the step-by-step simulation to rounding.
+A window has a thousand steps; single steps cost a thousand small products per parameter set. Within a block of L steps
+the response is one Toeplitz matrix times the inputs, equal for every block, so only the blocks' first states are
+stepped. The result equals the step-by-step simulation to rounding.
 
-Lin et al., Eq 16-18, corrected as `thermal.string` says.
+Lin et al., Eq 16-18, corrected as in `thermal.string`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from bms_gateway.thermal.roll import resting, with_roll
 
 BLOCK = 32  # steps; near the square root of a window, where Toeplitz and stepping cost the same
 TOGETHER = 8
-"""Parameter sets simulated at once where there are many, as of a string's single cells."""
+"""Parameter sets simulated at once if there are many, as for a string's single cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,19 +27,19 @@ class Inputs:
     Attributes
     ----------
     mean_square_current : ndarray (K,)
-        A²; 0 where `heat` holds.
+        A²; 0 where `heat` is used.
     heat : ndarray (K,)
-        Mean heat per cell from voltage, W; 0 where it is taken as I²R_e.
+        Mean heat per cell from voltage, W; 0 where heat is I²R_e.
     inlet : ndarray (K + 1,)
         °C, at the instants.
     dt : float
         s.
     drift : ndarray (K, J)
-        Shapes in time by which R_e may depart from its value within the window.
+        Shapes in time of the relative change of R_e within the window.
     departure : ndarray (J,)
-        How far it does, relative.
+        Size of each shape, relative.
     swing : float
-        Gain of the inlet's departures from its mean: 1 where the reading is what the cells feel.
+        Gain of the inlet's deviations from its mean: 1 if the cells feel the measured inlet.
     """
 
     mean_square_current: Floats
@@ -103,10 +103,10 @@ def respond(
     x0 : ndarray (S, 2n)
         Starts, °C.
     sensed : sequence of int
-        0-based cells whose surface is wanted (m of them).
+        0-based cells whose surface is returned (m of them).
     share : float or sequence of float
-        Of R_c, that lies within the jelly roll (`thermal.roll`), of all sets or of each; where it is 0, a core is one
-        node, in all sets or in none. A roll starts with the profile of steady heating.
+        Share of R_c within the jelly roll (`thermal.roll`), for all sets or for each. If it is 0, in all sets or in
+        none, a core is one node. A roll starts with the profile of steady heating.
 
     References
     ----------
@@ -126,8 +126,7 @@ def respond(
         Phi[b] = P
         P = w.step[0] @ P
     by_start[1:] = (w.observe[0] @ Phi).reshape(-1, m, 2 * n)[:K]
-    jump = w.reach[::-1, 0].transpose(1, 0, 2).reshape(N, -1)
-    by_input = _by_input(w.toeplitz[0].reshape(L * m, -1), jump, w.step[0], w.observe[0], inputs, L, m)
+    by_input = w.by_input(inputs)
     for k in range((len(Phi) - 1) * L, K):  # the last block may be short
         x = (w.A @ x[:, :, None])[:, :, 0] + w.B @ w.u[k]
     return Response(w.surface(X), x[:, : 2 * n], by_start, by_input)
@@ -136,7 +135,7 @@ def respond(
 def surfaces(
     sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed: Sequence[int]
 ) -> Iterator[tuple[slice, Floats]]:
-    """Simulate the surfaces of many parameter sets, a few at a time: memory does not grow with their number.
+    """Simulate the surfaces of many parameter sets, a few at a time: the memory use does not grow with their number.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def surfaces(
 
 @dataclass(frozen=True, slots=True)
 class _Blocks:
-    """What S parameter sets do within a block of L steps, whatever the state at its start.
+    """Responses of S parameter sets within a block of L steps, for any state at its start.
 
     Attributes
     ----------
@@ -201,7 +200,7 @@ class _Blocks:
         reach = np.empty((L, S, N, r))
         see = np.empty((L, S, m, N))
         G, seen = B, A[:, read]
-        for j in range(L):  # narrow products: powers of A itself would cost as many times more as a string has states
+        for j in range(L):  # narrow products: powers of A would cost as many times more as a string has states
             reach[j], see[j] = G, seen
             G, seen = A @ G, seen @ A
         step = np.linalg.matrix_power(A, L)
@@ -237,21 +236,22 @@ class _Blocks:
         out[:, 1:] = inside.transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
         return out
 
-
-def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: Inputs, L: int, m: int) -> Floats:
-    """Surfaces by the variations of the inputs (K + 1, m, J + 1): the same blocks, from zero."""
-    V = inputs.variations()
-    K, r, J = V.shape
-    blocks = -(-K // L)
-    padded = np.zeros((blocks * L, r, J))
-    padded[:K] = V
-    U = padded.reshape(blocks, L * r, J)
-    x = np.zeros((jump.shape[0], J))
-    out = np.zeros((blocks * L + 1, m, J))
-    for b in range(blocks):
-        out[b * L + 1 : (b + 1) * L + 1] = (see @ x + inside @ U[b]).reshape(L, m, J)
-        x = step @ x + jump @ U[b]
-    return out[: K + 1]
+    def by_input(self, inputs: Inputs) -> Floats:
+        """Return the slopes of set 0's surfaces by the inputs' variations (K + 1, m, J + 1): same blocks, from zero."""
+        V = inputs.variations()
+        K, r, J = V.shape
+        N, L, m = self.step.shape[1], len(self.reach), len(self.read)
+        inside, jump = self.toeplitz[0].reshape(L * m, -1), self.reach[::-1, 0].transpose(1, 0, 2).reshape(N, -1)
+        blocks = -(-K // L)
+        padded = np.zeros((blocks * L, r, J))
+        padded[:K] = V
+        U = padded.reshape(blocks, L * r, J)
+        x = np.zeros((N, J))
+        out = np.zeros((blocks * L + 1, m, J))
+        for b in range(blocks):
+            out[b * L + 1 : (b + 1) * L + 1] = (self.observe[0] @ x + inside @ U[b]).reshape(L, m, J)
+            x = self.step[0] @ x + jump @ U[b]
+        return out[: K + 1]
 
 
 def _discrete(sets: Sequence[StringParameters], dt: float, shares: Sequence[float]) -> tuple[Floats, Floats]:

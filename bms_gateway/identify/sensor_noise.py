@@ -1,14 +1,14 @@
 r"""White noise and resolution of a sensor, from its own readings.
 
-The wanted signal is smooth from reading to reading, so what stands out of the line between two neighbours is noise.
-Rounding makes that less plain: with steps q and noise σ below q/2 most readings repeat, and the error that is left is
-no longer white. Averaged over where the true value lies between two steps, the white part of the variance is
+The signal is smooth from reading to reading, so the distance of a reading from the line between its neighbours is
+noise. Rounding changes this: with steps q and noise σ below q/2 most readings repeat, and the remaining error is not
+white. Averaged over the position of the true value between two steps, the white part of the variance is
 
 .. math:: \frac{W}{q^2} = s^2 + \frac{1}{12} - \sum_{k \ge 1} \frac{e^{-4 \pi^2 k^2 s^2}}{2 \pi^2 k^2},
    \qquad s = \sigma / q
 
-(the mean of the rounding error as a Fourier series in that place; its variance is what noise does not whiten). For
-coarse noise this is Sheppard's σ² + q²/12, for fine noise σq/√π. Solved for s it tells noise far below the step.
+(the mean of the rounding error is a Fourier series of that position; its variance is the part that is not white). For
+coarse noise this is Sheppard's σ² + q²/12, for fine noise σq/√π. Solved for s it gives noise far below the step.
 """
 
 from dataclasses import dataclass
@@ -19,30 +19,30 @@ from numpy.typing import NDArray
 from bms_gateway.thermal import Floats
 
 LEAST_K = 0.01
-"""No thermometer in a pack is better; a smaller figure would make a likelihood blow up over nothing."""
+"""No thermometer in a pack is better; a smaller value would make a likelihood diverge."""
 LEAST_STEPS = 0.1
-"""Of a step: what the readings of a coarse sensor can still tell of its noise."""
+"""Least noise as a share of a step: what the readings of a coarse sensor can still show."""
 HALVINGS = 50
-"""Of the interval in which the root lies, to its last digit; a library's solver takes longer to load."""
+"""Tolerance of the root, relative to its interval; a library's solver takes longer to load."""
 FINE_K = 1e-3
-"""Steps below this are the decimals of a file."""
+"""Smaller steps are the decimals of a file."""
 OUTLIER = 4.0
-"""Deviations beyond are events of the signal, not noise."""
+"""Greater deviations are events of the signal, not noise."""
 MOST, CROWDED = 0.9, 3.0
-"""Share of the readings that lie on the levels of a coarse sensor, and how many there are to each of those levels."""
+"""Share of the readings that lie on the levels of a coarse sensor, and the readings per level."""
 TERMS = np.arange(1, 9)
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Of m sensors.
+    """Noise of m sensors.
 
     Attributes
     ----------
     sigma : ndarray (m,)
         White noise before rounding, K.
     step : ndarray (m,)
-        Resolution q, K; 0 where it is too fine to matter.
+        Resolution q, K; 0 if it is too fine to matter.
     """
 
     sigma: Floats
@@ -50,12 +50,12 @@ class Noise:
 
     @property
     def total(self) -> Floats:
-        """Noise and rounding together, K (m,): what a perfect model would leave."""
+        """Noise and rounding together, K (m,): the residual of a perfect model."""
         return np.sqrt(self.sigma**2 + self.step**2 / 12.0)
 
 
 def resolution(y: Floats) -> float:
-    """Find the step in which a sensor counts.
+    """Find the resolution of a sensor.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def resolution(y: Floats) -> float:
     Returns
     -------
     float
-        K; 0 where it is finer than `FINE_K` or cannot be told.
+        K; 0 if it is finer than `FINE_K` or cannot be found.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def resolution(y: Floats) -> float:
     0.5
     """
     levels, count = np.unique(np.round(y, 6), return_counts=True)
-    # A file may hold interpolated values on the way from level to level: the levels are those that most readings have.
+    # A file may contain interpolated values between levels: the levels are the values of most readings.
     order = np.argsort(-count, kind="stable")
     most = int(np.searchsorted(np.cumsum(count[order]), MOST * len(y))) + 1
     crowded = len(y) > CROWDED * most
@@ -82,13 +82,13 @@ def resolution(y: Floats) -> float:
     if len(levels) < 2:
         return 0.0
     gaps = np.diff(levels)
-    # where levels are few, the usual gap is the step even if the file rounds 0.0625 to 0.06 and 0.07
+    # with few levels, the usual gap is the step, even if the file rounds 0.0625 to 0.06 and 0.07
     step = float(np.median(gaps) if crowded else gaps.min())
     return round(step, 6) if step >= FINE_K else 0.0
 
 
 def white_noise(t: Floats, y: Floats, step: float) -> float:
-    """Estimate the noise that was there before rounding.
+    """Estimate the noise before rounding.
 
     Parameters
     ----------
@@ -116,16 +116,16 @@ def white_noise(t: Floats, y: Floats, step: float) -> float:
     W = float(np.mean(e[np.abs(e) <= limit] ** 2))
     if step == 0.0:
         return max(float(np.sqrt(W)), floor)
-    # A clean staircase moves too, by its slope alone: two deviations of q per crossing, each squared over 6.
+    # A clean staircase also moves, by its slope: two deviations of q per crossing, each squared over 6.
     crossings = float(np.abs(np.diff(_calm(y))).sum()) / step / len(y)
     W = max(W - min(crossings, 0.25) * step**2 / 3.0, 0.0)
     return max(_before_rounding(W / step**2) * step, floor)
 
 
 def slow_rounding(t: Floats, y: Floats) -> float:
-    r"""Estimate the part of a sensor's rounding error that goes on from reading to reading.
+    r"""Estimate the part of a sensor's rounding error that persists from reading to reading.
 
-    Noise whitens the rest. With the equation of the module, and σ before rounding,
+    Noise whitens the rest. With the equation of the module, and σ before rounding:
 
     .. math:: q^2 \sum_{k \ge 1} \frac{e^{-4 \pi^2 k^2 s^2}}{2 \pi^2 k^2}, \qquad s = \sigma / q
 
@@ -137,7 +137,7 @@ def slow_rounding(t: Floats, y: Floats) -> float:
     Returns
     -------
     float
-        K; 0 where the sensor has no steps, or none can be told.
+        K; 0 if the sensor has no steps, or none can be found.
 
     Examples
     --------
@@ -164,9 +164,9 @@ def estimate_noise(t: Floats, y: Floats, sensor: NDArray[np.intp], sensors: int)
     t, y : ndarray (M,)
         Stamps, s, and readings of all sensors, each sensor's in order of time.
     sensor : ndarray of intp (M,)
-        Whose reading it is.
+        Sensor of each reading.
     sensors : int
-        How many there are, m.
+        Number of sensors, m.
     """
     step = np.array([resolution(y[sensor == j]) for j in range(sensors)])
     sigma = np.array([white_noise(t[sensor == j], y[sensor == j], q) for j, q in enumerate(step.tolist())])
@@ -185,7 +185,7 @@ def _out_of_line(t: Floats, y: Floats) -> Floats:
 
 
 def _calm(y: Floats) -> Floats:
-    """Average over a fiftieth of the readings: the way that the signal goes without its noise."""
+    """Average over a fiftieth of the readings: the signal without its noise."""
     width = max(len(y) // 50, 3)
     total = np.cumsum(np.concatenate([[0.0], y]))
     return np.asarray((total[width:] - total[:-width]) / width)
@@ -200,7 +200,7 @@ def _before_rounding(W: float) -> float:
     """Solve the module's equation for s."""
 
     def white(s: float) -> float:
-        # the sum at s = 0 in place of 1/12, so that eight terms are enough
+        # the sum at s = 0 instead of 1/12, so that eight terms are enough
         return float(s**2 + np.sum(_kept(0.0)) - np.sum(_kept(s)))
 
     if W >= 1.0:

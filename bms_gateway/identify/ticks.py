@@ -1,11 +1,11 @@
-"""Regular ticks of one string in a row, as identifiers that gather windows take them in: columns, not objects."""
+"""Consecutive regular ticks of one string as columns, for identifiers that collect windows."""
 
 from dataclasses import dataclass
 
 from bms_gateway.thermal import Floats
 
 ENDLESS = 1 << 60
-"""Patience of what takes no ticks in at all."""
+"""Patience of an identifier that uses no ticks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class Ticks:
     ----------
     dt : float
     square, heat, inlet, current, soc : ndarray (K,)
-        Mean square current and heat as in `Tick`; beside them the mean current, A, and the state of charge, 0…1.
+        Mean square current and heat as in `Tick`; also the mean current, A, and the state of charge, 0…1.
     surface, age : ndarray (K, n)
     """
 
@@ -31,5 +31,5 @@ class Ticks:
 
 
 def before_full(window_s: float, gathered: int, dt: float) -> int:
-    """How many ticks may surely be added to so many without filling a window, which counts them by `len · dt`."""
+    """Count the ticks that may be added to `gathered` without filling a window, whose length is `len · dt`."""
     return max(0, int(window_s / dt - 1e-3) - gathered - 1)

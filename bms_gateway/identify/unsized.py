@@ -1,14 +1,14 @@
-r"""What surfaces tell of R_c in a cell whose size nobody knows.
+r"""Information of surfaces on R_c of a cell whose size is not known.
 
-A window finds R_c by how the surface follows the heat within a minute or two. In this time the profile of the roll, the
-contact of a thermocouple and its lag do as much as R_c does. The fit carries them with the spread that cells of known
-size have (`carried`). Where not even the capacity is known, the R_c that the surfaces show is taken for that of the
-cell times an unknown factor, the same in all windows:
+A window finds R_c from how the surface follows the heat within a minute or two. In this time the profile of the roll,
+the contact of a thermocouple and its lag have as much influence as R_c. The fit carries them with the spread that cells
+of known size have (`carried`). If not even the capacity is known, the R_c that the surfaces show is the cell's R_c
+times an unknown factor, the same in all windows:
 
 .. math:: \ln R_c^{shown} = \ln R_c + \varepsilon, \qquad \varepsilon \sim N(0, s^2)
 
-and ε is integrated out of what the data say before the prior is added. So R_c stays nearer to what was known of it, and
-its band is never narrower than s and the prior allow. The other numbers follow by what they have in common with it.
+and ε is integrated out of the information of the data before the prior is added. So R_c stays nearer to its prior, and
+its band is never narrower than s and the prior allow. The other numbers follow by their correlation with R_c.
 
 Beyond Lin et al., whose cells are known.
 """
@@ -20,23 +20,23 @@ import numpy as np
 from bms_gateway.thermal import Floats
 
 SIZE_UNKNOWN_SD: Final = 0.5
-"""Of ln C_c: the capacity of a cell that was named, or weighed, is known far better than this."""
+"""Of ln C_c: the capacity of a named or weighed cell is known far better than this."""
 
 
 def shown_sd(capacity_sd: float) -> float:
-    """Tell s by the prior sd of ln C_c: as much as the size is open, and 0 where it is known."""
+    """Return s for the prior sd of ln C_c: positive if the size is unknown, 0 if it is known."""
     return capacity_sd if capacity_sd >= SIZE_UNKNOWN_SD else 0.0
 
 
 def as_shown(mean: Floats, cov: Floats, known: Floats, known_sd: Floats, at: int, sd: float) -> tuple[Floats, Floats]:
-    """Take out of a posterior what its data say of number `at` more exactly than by `sd`.
+    """Reduce the information of the data on number `at` in a posterior to that of an error `sd`.
 
     Parameters
     ----------
     mean, cov : ndarray (p,), (p, p)
         Posterior.
     known, known_sd : ndarray (p,)
-        What was known before any data; 0 for what is fixed.
+        Prior; sd 0 for fixed numbers.
     at : int
     sd : float
         Positive.
@@ -51,7 +51,7 @@ def as_shown(mean: Floats, cov: Floats, known: Floats, known_sd: Floats, at: int
 
     Examples
     --------
-    Data that show a number exactly, by an error of 1, say as much of it as a prior of the same size:
+    Data that show a number exactly, but with an error of 1, count as much as a prior of the same size:
 
     >>> one = np.ones(1)
     >>> mean, cov = as_shown(one, np.array([[1e-9]]), np.zeros(1), one, 0, 1.0)
@@ -63,7 +63,7 @@ def as_shown(mean: Floats, cov: Floats, known: Floats, known_sd: Floats, at: int
         return mean, cov
     part = np.ix_(free, free)
     whole, before = np.linalg.inv(cov[part]), np.diag(known_sd[free] ** -2)
-    # carried effects may leave more open than the prior of a number does: nothing was learnt in that direction
+    # carried effects may leave more uncertainty than the prior of a number: nothing was learnt in that direction
     values, vectors = np.linalg.eigh(whole - before)
     info = (vectors * np.maximum(values, 0.0)) @ vectors.T
     pull = whole @ (mean - known)[free]

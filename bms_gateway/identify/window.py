@@ -1,8 +1,8 @@
-"""The production method: one window after the other, evidence carried between them.
+"""The method for vehicles: one window after the other, with evidence carried between them.
 
-A window of twenty minutes holds two of the cell's slow time constants. Its fit (`posterior_fit`) is a job that may run
-on another thread; the engine brings the result back at a bus time of its own. Between windows the evidence forgets a
-little of R_e (as much as the last window saw it walk) and R_u, so that ageing and changes of flow are followed.
+A window of twenty minutes contains two of the cell's slow time constants. Its fit (`posterior_fit`) is a job that may
+run on another thread; the engine returns the result at a bus time that it chooses. Between windows a little of the
+evidence on R_e (its walk in the last window) and R_u is discarded, so that ageing and changes of flow are followed.
 """
 
 from collections.abc import Mapping
@@ -36,15 +36,15 @@ from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05
-"""ln: how far R_u may have gone since a fit that the model file carries, as `GROWN` for R_e. Held to the fit's own sd
-they would be followed late, or never; with much more the two of them trade places in a window's noise."""
+"""ln: sd of the change of R_u since a fit in the model file, like `GROWN` for R_e. With the fit's own sd alone, changes
+would be followed late or never; with much more, noise of a window exchanges parts of the two."""
 CARRIED_DRIFT = 0.3
-"""Of a carried effect, in its own sd, from one window to the next: none of them is quite the same in another drive."""
+"""Sd of a carried effect's change from one window to the next, in its own sd: it differs between drives."""
 DOUBTED = 3.0
-"""Factor on the noise, as of `Fit.doubt`, from which on cores are not proven. Simulated cells with nothing missing stay
-at 1.0; where a missing effect moved the core out of its band it was 8 and more."""
+"""Factor on the noise (`Fit.doubt`) from which cores are not proven. Simulated cells without a missing effect stay at
+1.0; where a missing effect moved the core out of its band, it was 8 and more."""
 FORGOTTEN = 10.0
-"""ln: a step of R_u after which nothing is left of what was known of it."""
+"""ln: a step of R_u that removes all earlier knowledge of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,27 +54,27 @@ class Settings:
     Attributes
     ----------
     window_s : float
-        Length of a window: two slow time constants of a cell. The first one too: a fit of half that length takes a
-        warming cell for a light one.
+        Length of a window: two slow time constants of a cell. Also of the first window: a fit of half that length would
+        mistake a warming cell for a light one.
     first_look_s : float
-        Length at which the first window is looked at before it is full; what is found goes to the observer and is
-        replaced by the whole window's.
+        Length at which the first window is fitted before it is full; the result goes to the observer and is replaced by
+        that of the whole window.
     shortest_s : float
         A window cut by a gap is used from this length on.
     cooling_drift : float
         Random step of ln R_u in 20 minutes: filters clog, fans wear, flow is not quite constant.
     least_rise : float
-        K: a window whose heat warms the surface by less is left out; it teaches nothing and would only forget.
+        K: a window whose heat warms the surface by less is not used: it has no information, and evidence would be lost.
     good_sd : float
-        Relative sd at which a parameter may be called identified.
+        Relative sd up to which a parameter is called identified.
     root : {"both", "smaller", "larger"}
-        Which roots of Eq 9 are possible. Both, unless the flow is known to be forced past the cells (smaller R_u) or
-        to stand still (larger): while the inlet stands still, nothing else tells them apart.
+        Possible roots of Eq 9. Both, unless the flow is known to be forced past the cells (smaller R_u) or to be still
+        (larger): with a constant inlet, the data cannot decide.
     carried : float
-        Size of the effects that every real cell may have, in their own sd. 0 for cells that are two nodes, as the
-        paper's simulated ones.
+        Size of the effects that every real cell may have, in their own sd. 0 for cells that are exactly two nodes, as
+        the simulated cells of the paper.
     model_sd : float
-        K·√s: white error of the two-node model itself, whatever the sensor. The default is for real cells.
+        K·√s: white error of the two-node model itself, for any sensor. The default is for real cells.
     """
 
     window_s: float = 1200.0
@@ -88,58 +88,79 @@ class Settings:
     model_sd: float = MODEL_SD
 
 
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Content of `posterior` and `doubts`: from the newest fit, also from an early one.
+
+    Attributes
+    ----------
+    mean, cov : ndarray (p,), (p, p)
+        Of the logarithms of the parameters.
+    gain : float
+        ln of the gain of heat by the voltage.
+    gain_cov : ndarray (p + 1,)
+        Its covariance with the logarithms, and its variance.
+    doubt : float
+        As of `Fit`.
+    """
+
+    mean: Floats
+    cov: Floats
+    gain: float
+    gain_cov: Floats
+    doubt: float
+
+
 class WindowIdentifier:
     """Windowed maximum a posteriori identification of one string.
 
     Attributes
     ----------
     now : WindowNow
-        The window under way.
+        The present window.
 
     References
     ----------
-    Lin et al., Eq 1, 16–18 for the model; the method is ours, in place of Eq 5.
+    Lin et al., Eq 1, 16–18 for the model; the method replaces Eq 5 and is not in the paper.
     """
 
     learns = True
 
     def __init__(self, model: StringModel, settings: Settings | None = None) -> None:
-        # plain dicts: a job must pickle, and read-only views of mappings do not
+        # plain dicts, because a job must be picklable and read-only mapping views are not
         self._model = replace(model, priors=_since(model), tolerances=dict(model.tolerances))
         self._settings = settings or Settings()
         self._names, self._prior_mean, self._prior_sd = log_prior(self._model)
         p = len(self._names)
         self._shown = shown_sd(float(self._prior_sd[C_C]))
         self._evidence = Evidence.none(p, len(CARRIED) + departures(model))
-        self._gain, self._gain_cov = 0.0, np.zeros(p + 1)
-        self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
+        self._told = _Told(self._prior_mean.copy(), np.diag(self._prior_sd**2), 0.0, np.zeros(p + 1), 1.0)
         self._guess = self._prior_mean.copy()
         self._other_root = 0.0
         self._walk = 0.0
         self._windows = 0
         self._from_voltage = False
-        self._doubt = 1.0
         self._out: Literal["", "window", "look"] = ""
         self._end: Floats | None = None
         self.now = WindowNow()
 
     def add(self, tick: Tick) -> WindowJob | None:
-        """Take in one tick.
+        """Include one tick.
 
         Returns
         -------
         WindowJob or None
-            A job when a window is full, or when a gap ends one that is long enough.
+            A job if a window is full, or if a gap ends a window that is long enough.
         """
         job = None
         if tick.dt > GAP_S or self.now.steps_otherwise(tick.dt):
             job = self._close()
-        taken = self.now.add(tick)
+        taken = self.now.append(tick)
         if taken == "lost":
             return job or self._close()
         if taken == "waits":
             return job
-        length = len(self.now.square) * tick.dt
+        length = self.now.length_s
         if length >= self._settings.window_s - 1e-6:
             return self._close(full=True)
         if not self._windows and not self.now.looked and length >= self._settings.first_look_s - 1e-6:
@@ -147,34 +168,34 @@ class WindowIdentifier:
         return job
 
     def patience(self, dt: float) -> int:
-        """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
+        """Count the regular ticks that `take` may get before one must come by `add`; none of them ends a window."""
         if not self.now.inlet or self.now.steps_otherwise(dt):
             return 0
         known = self._settings
         ahead = known.window_s if self._windows or self.now.looked else min(known.first_look_s, known.window_s)
-        return before_full(ahead, len(self.now.square), dt)
+        return before_full(ahead, len(self.now), dt)
 
     def take(self, ticks: Ticks) -> None:
-        """Take in regular ticks, no more than `patience` says; the same as adding them one by one."""
-        self.now.take(ticks)
+        """Include regular ticks, no more than `patience` allows; the same as adding them one by one."""
+        self.now.extend(ticks)
 
     def finish(self) -> WindowJob | None:
-        """End the window under way, as a gap does."""
+        """End the present window, as a gap does."""
         return self._close()
 
     def cool_anew(self) -> None:
-        """Forget what R_u was: what follows is another record, whose cells are cooled in a way of their own."""
+        """Discard the knowledge of R_u: another record follows, whose cells are cooled differently."""
         along = np.zeros((len(self._evidence.grad), 1))
         along[: len(self._names), 0] = lumped_jacobian(self._guess, self._model.has_conduction)[:, R_U]
         self._evidence = self._evidence.forget(along, np.array([FORGOTTEN]))
 
     @property
     def windows(self) -> int:
-        """How many whole windows were taken back."""
+        """Number of results of whole windows that were used."""
         return self._windows
 
     def _look(self) -> WindowJob | None:
-        """Look at the window so far; it goes on."""
+        """Fit the window so far; it continues."""
         self.now.looked = True
         job = self._close(look=True)
         if job is not None:
@@ -182,11 +203,11 @@ class WindowIdentifier:
         return job
 
     def _close(self, full: bool = False, look: bool = False) -> WindowJob | None:
-        """End the window, or `look` at it; a job if it is long enough and warm enough and none is under way."""
+        """End the window, or fit it early (`look`); a job if it is long and warm enough and no job is running."""
         now = self.now
         if not look:
             self.now = WindowNow()
-        if not now.square or now.length_s < self._settings.shortest_s or self._out:
+        if not len(now) or now.length_s < self._settings.shortest_s or self._out:
             return None
         window, measured = now.window()
         R_e, R_u = np.exp(self._guess[[R_E, R_U]])
@@ -204,26 +225,25 @@ class WindowIdentifier:
             along[p : p + V, 2:] = np.eye(V)
             evidence = evidence.forget(along, steps)
         self._out = "window"
-        if full:  # the next window runs on from this one's last instant
-            self.now = WindowNow([float(window.inlet[-1])], joined=True)
+        if full:  # the next window begins at the last instant of this one
+            self.now = WindowNow(inlet=[float(window.inlet[-1])], joined=True)
         start = self._end if now.joined else None
         known = self._settings
-        # a model that was wrong a window ago is not right because it fits this one
-        least_doubt = float(np.sqrt(self._doubt))
+        # a model that was wrong in the last window is not right because it fits this one
+        least_doubt = float(np.sqrt(self._told.doubt))
         return WindowJob(
             self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried, least_doubt
         )
 
     def accept(self, result: Fit) -> None:
-        """Take back the result of the last job."""
+        """Use the result of the last job."""
         p = len(self._names)
         looked, self._out = self._out == "look", ""
         mean, cov = result.mean, result.cov
         if self._shown > 0.0:
             known, known_sd = np.append(self._prior_mean, 0.0), np.append(self._prior_sd, HEAT_GAIN_SD)
             mean, cov = as_shown(mean, cov, known, known_sd, R_C, self._shown)
-        self._mean, self._cov, self._doubt = mean[:p], cov[:p, :p], result.doubt
-        self._gain, self._gain_cov = float(mean[p]), cov[p]
+        self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt)
         if looked:
             return
         self._evidence = result.evidence
@@ -233,11 +253,11 @@ class WindowIdentifier:
         self._windows += 1
 
     def posterior(self) -> Posterior:
-        """Gaussian over the logarithms; the prior until the first window is in."""
-        heat = None
-        if self._from_voltage and self._gain_cov[-1] > 0.0:
-            heat = HeatGain(float(np.exp(self._gain)), self._gain_cov)
-        return Posterior(self._names, self._mean, self._cov, heat)
+        """Gaussian over the logarithms; the prior until the first result."""
+        told, heat = self._told, None
+        if self._from_voltage and told.gain_cov[-1] > 0.0:
+            heat = HeatGain(float(np.exp(told.gain)), told.gain_cov)
+        return Posterior(self._names, told.mean, told.cov, heat)
 
     def estimates(self) -> tuple[Estimate, ...]:
         """Every parameter with sd and status."""
@@ -245,12 +265,13 @@ class WindowIdentifier:
         return estimates_of(self.posterior(), status)
 
     def _status(self, i: int) -> str:
-        name, sd, prior = self._names[i], float(np.sqrt(self._cov[i, i])), float(self._prior_sd[i])
+        name, sd, prior = self._names[i], float(np.sqrt(self._told.cov[i, i])), float(self._prior_sd[i])
         if prior == 0.0:
             return "fixed"
         if not self._windows:
             return LEARNING
-        if min(self._mean[i] - np.log(KINDS[name].lower), np.log(KINDS[name].upper) - self._mean[i]) < 0.01:
+        mean = self._told.mean[i]
+        if min(mean - np.log(KINDS[name].lower), np.log(KINDS[name].upper) - mean) < 0.01:
             return not_identifiable("at its bound")
         if sd < 0.5 * prior and sd < self._settings.good_sd:
             return IDENTIFIED
@@ -261,35 +282,37 @@ class WindowIdentifier:
             return "heat is taken from voltage"
         along = np.zeros(len(self._names))
         along[[R_E, R_U]] = 1.0
-        rise_sd = float(np.sqrt(along @ self._cov @ along))
+        rise_sd = float(np.sqrt(along @ self._told.cov @ along))
         if rise_sd > 0.3 and not self._from_voltage:
             return "too little current"
-        g = fold_gradient(self._mean)
-        if self._other_root > 0.02 or abs(fold_distance(self._mean)) < 2.0 * float(np.sqrt(g @ self._cov @ g)):
+        g = fold_gradient(self._told.mean)
+        if self._other_root > 0.02 or abs(fold_distance(self._told.mean)) < 2.0 * float(
+            np.sqrt(g @ self._told.cov @ g)
+        ):
             return "near the fold R_u = R_u*"
         if i in (R_E, R_U) and rise_sd < 0.5 * sd:
             return "only R_e*R_u is determined"
         return "the data add little to the prior"
 
     def doubts(self) -> tuple[str, ...]:
-        """Tell that the newest window was explained by parameters near what was known only under a far larger noise."""
-        if self._doubt <= DOUBTED:
+        """Say that parameters near their prior explain the newest window only with a far larger noise."""
+        if self._told.doubt <= DOUBTED:
             return ()
         return (
             "the surfaces of the last drives do not fit parameters near those of the model file (they would fit if the "
-            f"model's error were {self._doubt:.0f} times as large as the residuals): an effect is missing, or a number "
-            "of the file is wrong",
+            f"model's error were {self._told.doubt:.0f} times as large as the residuals): an effect is missing, or a "
+            "number of the file is wrong",
         )
 
     def snapshot(self) -> dict[str, Any]:
-        """Knowledge as JSON-able values; the window under way is not kept."""
-        e = self._evidence
+        """State as JSON-able values, without the present window."""
+        e, told = self._evidence, self._told
         arrays = {
             "z0": e.z0,
             "info": e.info,
             "grad": e.grad,
-            "mean": self._mean,
-            "cov": self._cov,
+            "mean": told.mean,
+            "cov": told.cov,
             "guess": self._guess,
         }
         return {
@@ -300,9 +323,9 @@ class WindowIdentifier:
             "walk": self._walk,
             "windows": self._windows,
             "from_voltage": self._from_voltage,
-            "gain": self._gain,
-            "gain_cov": self._gain_cov.tolist(),
-            "doubt": self._doubt,
+            "gain": told.gain,
+            "gain_cov": told.gain_cov.tolist(),
+            "doubt": told.doubt,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -311,7 +334,7 @@ class WindowIdentifier:
         Raises
         ------
         StateError
-            The snapshot is another method's or another structure's, or is not finite.
+            The snapshot belongs to another method or structure, or is not finite.
         """
         names = [*self._names, *CARRIED]
         if state.get("method") != "window" or state.get("names") != names:
@@ -324,16 +347,18 @@ class WindowIdentifier:
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
         self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
-        self._mean, self._cov, self._guess = vectors["mean"], vectors["cov"], vectors["guess"]
+        self._guess = vectors["guess"]
+        self._told = _Told(
+            vectors["mean"], vectors["cov"], float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
+        )
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
-        self._gain, self._gain_cov, self._doubt = float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
         self._out = ""
         self.now = WindowNow()
 
 
 def _since(model: StringModel) -> dict[str, Prior]:
-    """Tell what is known of a string today: what was fitted once, and what it may have become since."""
+    """Priors for today: the fit in the model file, widened by possible changes since."""
     priors = dict(model.priors)
     if model.before is not None:
         for name, more in (("R_e", GROWN), ("R_u", CLOGGED)):

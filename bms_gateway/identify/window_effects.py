@@ -1,11 +1,13 @@
-"""When the windowed method may follow a string that has effects: what it must be fed, and which effects let it.
+"""Whether the windowed method may serve a string with effects, and with which inputs.
 
-The method knows two nodes a cell, I²R_e and an inlet. Effects that change nothing but the heat in the core and the
-inputs leave that skeleton as it is: fed with the mean square current that would make the same heat by the R_e in
-force, and with the inlet as the effects see it, it finds by how much R_e has grown and what became of R_c and R_u.
+The method knows two nodes per cell, I²R_e and an inlet. Effects that change only the heat in the core and the inputs
+leave this structure unchanged. The method then gets the mean square current that would make the same heat by the R_e in
+force, and the inlet with the effects, and finds the growth of R_e and the changes of R_c and R_u.
 
-For Lin et al., Eq 1, which knows no heat but I²R_e.
+For Lin et al., Eq 1, whose only heat is I²R_e.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from bms_gateway.thermal.physics import Physics
 
 
 def heat_only(model: StringModel) -> bool:
-    """Whether the model's effects leave everything but the heat in the cores and the inputs as it is.
+    """Whether the model's effects change only the heat in the cores and the inputs.
 
     Examples
     --------
@@ -32,7 +34,7 @@ def heat_only(model: StringModel) -> bool:
     if physics.reads or physics.states > 2 * model.cells:
         return False
 
-    # Two moments that differ in all that an effect may look at: whatever it changes shows in one of them.
+    # Two moments that differ in every input of an effect: any change shows in one of them.
     def two(first: float, second: float) -> Floats:
         return np.array([first, second])
 
@@ -66,4 +68,15 @@ def heat_only(model: StringModel) -> bool:
             (z.inner, (z.T_c - z.T_s) / s.R_c),
         )
     )
-    return all(same) and z.film_exponent == 0.0
+    if not all(same) or z.film_exponent != 0.0:
+        return False
+
+    # what takes heat from a warm core without current is a loss path, not a heat source
+    rest = replace(u, I=0.0 * u.I, I2=0.0 * u.I2, I_abs=0.0 * u.I_abs, IV=0.0 * u.IV)
+
+    def leaks(alone: Physics) -> bool:
+        v = alone.numbers()
+        still = alone.point(np.stack([50.0 + rise, 30.0 + rise]), rest, v, alone.memory(rest, v)[0]).core
+        return bool(np.any(np.ptp(np.broadcast_to(still, (2, model.cells)), axis=0) > 0.0))
+
+    return not any(leaks(Physics(replace(model, effects=(e,)))) for e in model.effects)

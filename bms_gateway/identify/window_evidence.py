@@ -1,14 +1,14 @@
-r"""What the windows so far say, of the parameters common to the cells and of what single cells depart from them.
+r"""Evidence of the windows so far on the parameters common to the cells and on the differences of single cells.
 
-Cells differ by the model's tolerances. A fit that takes them for alike holds the two that it sees for all twelve: it
-states half a per cent where one of them is off by two, and the error is the same in every window. So each window's
-evidence is kept over (z, u) together: z the lumped coordinates of the string's mean, u the departures of R_e, R_u and
-R_c of each cell from that mean, with
+Cells differ by the model's tolerances. A fit with equal cells would apply the two sensed cells to all twelve: it would
+state half a per cent where one of them is off by two, with the same error in every window. So each window's evidence is
+kept over (z, u) together: z are the lumped coordinates of the string's mean, u the differences of R_e, R_u and R_c of
+each cell from that mean, with
 
 .. math::
     \ln R_{k} = \ln \bar R + \sigma (u_k - \bar u), \qquad u \sim N(0, 1)
 
-which stay what they are from window to window and are integrated out only when the mean is asked for.
+The u are constant from window to window and are integrated out only when the mean is computed.
 
 For Lin et al., Eq 9, carried from window to window; not in the paper.
 """
@@ -20,19 +20,19 @@ import numpy as np
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 UNLIKE = ("R_e", "R_u", "R_c")
-"""What differs from cell to cell."""
+"""Parameters that differ from cell to cell."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What all data so far say of δ = (z − z0, u), priors not included: ½ δᵀ info δ + gradᵀ δ.
+    """Information of all data so far on δ = (z − z0, u), without priors: ½ δᵀ info δ + gradᵀ δ.
 
     Attributes
     ----------
     z0 : ndarray (p,)
     info : ndarray (p + c, p + c)
     grad : ndarray (p + c,)
-        u are the departures of single cells from the string's mean (`departures`), in sd.
+        u are the differences of single cells from the string's mean (`departures`), in sd.
 
     References
     ----------
@@ -45,7 +45,7 @@ class Evidence:
 
     @classmethod
     def none(cls, p: int, c: int = 0) -> "Evidence":
-        """Before any data."""
+        """Create evidence without data."""
         return cls(np.zeros(p), np.zeros((p + c, p + c)), np.zeros(p + c))
 
     def forget(self, directions: Floats, sd: Floats) -> "Evidence":
@@ -57,11 +57,11 @@ class Evidence:
 
 
 def departures(model: StringModel) -> int:
-    """How many departures of single cells there are (c): one cell is its own mean."""
+    """Count the differences of single cells (c); a single cell equals its mean and has none."""
     return len(UNLIKE) * model.cells if model.cells > 1 else 0
 
 
 def unlike(p: StringParameters, step: float) -> list[StringParameters]:
-    """Strings in which one logarithm of one cell is more by `step`: all cells of `UNLIKE[0]`, then of the next."""
+    """Strings with one logarithm of one cell increased by `step`: for all cells `UNLIKE[0]`, then the next symbol."""
     factors = np.exp(step * np.eye(p.cells))
     return [replace(p, **{s: getattr(p, s) * factor}) for s in UNLIKE for factor in factors]

@@ -1,4 +1,4 @@
-"""Readings of a window as means over a few seconds, and the numbers that a window seeks."""
+"""Readings of a window as means over a few seconds, and the numbers that the fit of a window finds."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from bms_gateway.identify.model_noise import Whitener
 from bms_gateway.identify.window_start import at_readings, lateness
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
-MEAN_S = 4.0  # over which readings are taken together: half a casing's time
+MEAN_S = 4.0  # averaging time of readings: half a casing's time constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Means:
     sensed : list of int
         0-based cells with a thermocouple.
     seen : ndarray of bool (K, m)
-        Where something was read.
+        Which readings exist.
     late : ndarray (K, m)
         Age of a reading, in ticks.
     first : ndarray of int (G,)
@@ -48,7 +48,7 @@ class Means:
 
     @classmethod
     def of(cls, surface: Floats, age: Floats, sensed: list[int], dt: float) -> "Means":
-        """Take readings (K, n), °C with NaN for none, and their age, s, together; `dt` is the tick's length, s."""
+        """Average readings (K, n), °C with NaN for none, with their age, s; `dt`: length of a tick, s."""
         read = surface[:, sensed]
         seen = np.isfinite(read)
         first = np.arange(0, len(surface), max(1, round(MEAN_S / dt)))
@@ -69,13 +69,13 @@ class Means:
     def read(self, Y: Floats) -> Floats:
         """Surfaces (K + 1, m, …) at the readings' own times, as means over `MEAN_S` (G, m, …).
 
-        They are means of what the model says of the readings, as `y` are means of these. So nothing is lost but what is
-        quicker than `MEAN_S`, which only noise is; and everything that is filtered is as many times shorter.
+        They are means of the model's values at the readings, just as `y` are means of the readings. So only changes
+        faster than `MEAN_S` are lost, which are noise, and all filters have fewer steps.
         """
         return _means(at_readings(Y, self.late), self.seen, self.first, self.count)
 
     def whitener(self, white: float, slow: float, tau: float) -> Whitener:
-        """Filter of a noise with a white and a slow part, K, the slow one of memory `tau`, s.
+        """Filter of a noise with a white and a slow part, K; the slow part has the memory `tau`, s.
 
         Means of fewer readings have more white noise.
         """
@@ -84,7 +84,7 @@ class Means:
 
 
 def _means(x: Floats, seen: NDArray[np.bool_], first: NDArray[np.intp], count: Floats) -> Floats:
-    """Means (G, m, …) of what belongs to readings (K, m, …); 0 where there was none."""
+    """Means (G, m, …) of values at the readings (K, m, …); 0 without a reading."""
     more = (1,) * (x.ndim - 2)
     total = np.add.reduceat(np.where(seen.reshape(*seen.shape, *more), x, 0.0), first)
     return np.asarray(total / np.maximum(count, 1.0).reshape(*count.shape, *more), dtype=np.float64)
@@ -92,7 +92,7 @@ def _means(x: Floats, seen: NDArray[np.bool_], first: NDArray[np.intp], count: F
 
 @dataclass(frozen=True, slots=True)
 class Sought:
-    """The p numbers of a string that a window seeks, as logarithms φ, and what is known of them before.
+    """The p numbers of a string that the fit of a window finds, as logarithms φ, and their prior.
 
     Attributes
     ----------
@@ -100,9 +100,9 @@ class Sought:
     mean : ndarray (p,)
         Of the prior.
     info : ndarray (p,)
-        Information of the prior; 0 for what is fixed.
+        Information of the prior; 0 for fixed numbers.
     free : ndarray of int
-        Places of what is not fixed.
+        Places of the numbers that are not fixed.
     low, high : ndarray (p,)
         Bounds.
     """

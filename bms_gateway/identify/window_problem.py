@@ -1,4 +1,4 @@
-r"""One window of one string as a problem of least squares: what is sought, what is a nuisance, what is known before.
+r"""One window of one string as a least-squares problem: the free numbers, the nuisances and their priors.
 
 See `posterior_fit` for the theory.
 """
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
 from bms_gateway.identify.contract import string_parameters
+from bms_gateway.identify.descent import Pace, Patience, descend
 from bms_gateway.identify.doubt import noise_factor, sound_sd
 from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
-from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
+from bms_gateway.identify.inlet_noise import Sight, inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
+from bms_gateway.identify.quadratic import Quadratic
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.identify.sensor_noise import slow_rounding
 from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
@@ -22,20 +24,22 @@ from bms_gateway.identify.window_start import FRESH, first_start, start_informat
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
-ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted likelihood instead of sticking
+ANNEAL = (30.0, 10.0, 3.0)  # times the noise: with a broad likelihood, distant starts reach the optimum
 WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
 WALK_S = 1200.0
 KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
 WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
 MODEL_SD = 0.14
-"""K·√s, white: a model of a cell is not believed better, whatever the sensor. Decides on real cells: core 3 K off with
-0.01; 0.4 blunts the slow time constant."""
-CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the window before ended there
+"""K·√s, white: no model of a cell is more exact, with any sensor. Determined on real cells: core 3 K off with 0.01; 0.4
+loses the slow time constant."""
+CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the earlier window ended there
 MOST_SHARE = 0.5
-"""Of a window's heat that one unit of a carried effect may be taken for: more is a window with hardly any heat."""
+"""Largest share of a window's heat that one unit of a carried effect may have: above, the window has hardly any
+heat."""
 V = len(NAMES)
 """Carried effects."""
 STEEP = 1.5  # largest step of a logarithm in one iteration
+PACE = Pace(0.0, 1e-3, 4.0, 0.125, 16, halves=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +69,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Sizes of the noise: white and slow, K, memory of the slow part, s, and the walk of ln R_e in `WALK_S`."""
+    """Sizes of the noise: white and slow, K; memory of the slow part, s; walk of ln R_e in `WALK_S`."""
 
     white: float
     slow: float
@@ -85,10 +89,16 @@ class Point:
     H: Floats  # of data, evidence and nuisances
     g: Floats
     cost: float  # with the prior
+    z: Floats  # the free part of (phi, xi)
+
+    @property
+    def deviance(self) -> float:
+        """Twice the cost."""
+        return 2.0 * self.cost
 
 
 class Problem:
-    """One window and what is carried into it; sets up once what does not change between iterations."""
+    """One window with its earlier evidence; holds what does not change between iterations."""
 
     def __init__(
         self, model: StringModel, window: Window, evidence: Evidence, start: Floats | None, carried: float
@@ -144,41 +154,41 @@ class Problem:
 
     @property
     def lasting(self) -> NDArray[np.intp]:
-        """Places of what is sought and goes on after the window."""
+        """Places of the numbers that are also needed after the window."""
         return np.concatenate([self.sought.free, np.arange(self.p, self.P)])
 
     def error_floor(self, model_sd: float) -> float:
         """Least sd of a reading about the model, K.
 
-        The error of the model itself has `model_sd`, K·√s. The model also follows noise of the inlet's readings, which
-        no cell feels: by R_c/(R_c + R_u), as the casing follows the coolant before the core does.
+        The model itself has an error of `model_sd`, K·√s. It also responds to noise of the inlet's readings, which no
+        cell feels: by R_c/(R_c + R_u), as the casing follows the coolant earlier than the core does.
         """
         R_c, R_u = np.exp(self.sought.mean[[R_C, R_U]])
         followed = self.noise * float(np.sqrt(self.inputs.dt) * R_c / (R_c + R_u))
         return float(np.hypot(model_sd, followed) / np.sqrt(self.means.dt))
 
     def distrust(self, kept: float) -> None:
-        """Keep a share of the evidence so far."""
+        """Keep a share of the earlier evidence."""
         e = self.evidence
         self.evidence = Evidence(e.z0, kept * e.info, kept * e.grad)
         self.info, self.grad = kept * self.info, kept * self.grad
 
     def feasible(self, phi: Floats) -> bool:
-        """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
+        """Whether the coolant node exists at φ (bulk: R_u C_f > 1, with a margin for the derivative's step)."""
         if not self.model.has_coolant_path or self.model.coolant == "ntu":
             return True
         p = string_parameters(self.model, self.sought.names, phi)
         return bool(np.all(p.R_u * p.C_f > 1.001))
 
     def inside(self, phi: Floats, step: Floats) -> Floats:
-        """As much of `step` from a feasible φ as stays feasible."""
+        """Largest part of `step` from a feasible φ that stays feasible."""
         step = step * min(1.0, STEEP / max(float(np.max(np.abs(step))), STEEP))
         while not self.feasible(there := np.clip(phi + step, self.sought.low, self.sought.high)):
             step = step / 2.0
         return np.asarray(there, dtype=np.float64)
 
     def sets(self, phi: Floats) -> list[StringParameters]:
-        """Strings of φ and of φ with one logarithm more by `STEP` each."""
+        """Strings of φ, and of φ with one logarithm increased by `STEP` each."""
         return [string_parameters(self.model, self.sought.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
@@ -199,7 +209,7 @@ class Problem:
         return np.where(self.means.valid, self.means.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
 
     def carry(self, phi: Floats, xi: Floats) -> None:
-        """Take what the carried effects do along the trajectory of (φ, ξ) into use."""
+        """Set the carried effects to those along the trajectory of (φ, ξ)."""
         if self.size == 0.0:
             return
         p = string_parameters(self.model, self.sought.names, phi)
@@ -210,7 +220,7 @@ class Problem:
         self.carried = self.means.read(self.effects.readings)
 
     def effective(self, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
-        """Put the carried effects' share of heat and cooling into the numbers of an observer that does not know them.
+        """Include the carried effects' heat and cooling in the numbers for an observer without these effects.
 
         Parameters
         ----------
@@ -220,7 +230,7 @@ class Problem:
         Returns
         -------
         ndarray (p + 1,), ndarray (p + 1, p + 1)
-            Of φ and of the logarithm of the gain of heat from voltage, which is 0 where there is none.
+            Of φ and of the logarithm of the gain of heat from voltage; 0 without such heat.
         """
         A = np.zeros((self.p + 1, self.P))
         A[: self.p, : self.p] = np.eye(self.p)
@@ -233,11 +243,11 @@ class Problem:
         return A @ mean, A @ cov @ A.T
 
     def roll(self, xi: Floats, more: float = 0.0) -> float:
-        """Share of R_c within the jelly roll, with `more` on its coefficient."""
+        """Share of R_c within the jelly roll, with `more` added to its coefficient."""
         return roll_share(self.size * (float(xi[ROLL_AT]) + more)) if self.size > 0.0 else 0.0
 
     def respond(self, sets: list[StringParameters], xi: Floats, share: float | list[float] = 0.0) -> Response:
-        """Response of parameter sets with the nuisances ξ, and a share of R_c within the roll, of all or of each."""
+        """Response of parameter sets with the nuisances ξ, and the share of R_c within the roll, of all or of each."""
         start = xi[V : V + self.N]
         inputs = replace(self.inputs, departure=xi[V + self.N : -1], swing=1.0 + float(xi[-1]))
         starts = (start_map(s, inputs.inlet[0]) for s in sets)
@@ -266,7 +276,7 @@ class Problem:
         """Add evidence and nuisances to the data's normal matrix `M`."""
         p, P = self.p, self.P
         H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
-        if self.size > 0.0:  # small shares go by an exponential: without its curvature, steps overshoot and turn about
+        if self.size > 0.0:  # small shares are exponential in v: without the curvature, steps overshoot
             at = p + ROLL_AT
             H[at, at] += max(0.0, self.size * roll_bend(self.size * float(xi[ROLL_AT])) * float(g[at]))
         D, delta = self.to_evidence(phi, xi)
@@ -280,27 +290,27 @@ class Problem:
         cost -= float(self.by_noise @ np.concatenate([phi, xi]))
         prior = self.sought.info @ (phi - self.sought.mean) ** 2 + xi[:V] @ xi[:V]
         cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
-        return Point(phi, xi, *seen, H, g, cost)
+        return Point(phi, xi, *seen, H, g, cost, np.concatenate([phi, xi])[self.moving])
 
     def to_evidence(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
-        """Slope (P, P) of the evidence's coordinates (z, v) by (φ, v), and where they are about its origin (P,)."""
+        """Slope (P, P) of the evidence's coordinates (z, v) by (φ, v), and their distance from its origin (P,)."""
         D = np.eye(self.P)
         D[: self.p, : self.p] = lumped_jacobian(phi, self.model.has_conduction)
         z = lumped(phi, self.model.has_conduction) - self.evidence.z0
         return D, np.concatenate([z, xi[:V]])
 
     def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> Point:
-        """Simulate, and gather Hessian and gradient."""
+        """Simulate, and compute Hessian and gradient."""
         seen = self.simulate(phi, xi)
         return self.assemble(phi, xi, seen, self.normal(*seen[:2], whitener), walk)
 
-    def with_prior(self, point: Point) -> tuple[Floats, Floats]:
-        """Hessian and gradient over what moves, prior included."""
+    def posterior(self, point: Point) -> Quadratic:
+        """Posterior over the free numbers, including the prior."""
         H, g, P = point.H.copy(), point.g.copy(), self.P
         info, pull = self.prior(point)
         H[np.arange(P), np.arange(P)] += info
         g[:P] += pull
-        return H[np.ix_(self.moving, self.moving)], g[self.moving]
+        return Quadratic(H[np.ix_(self.moving, self.moving)], -g[self.moving])
 
     def prior(self, point: Point) -> tuple[Floats, Floats]:
         """Diagonal information (P,) of the prior over (φ, v), and its gradient (P,) at a point."""
@@ -308,56 +318,21 @@ class Problem:
         return info, info * np.concatenate([point.phi - self.sought.mean, point.xi[:V]])
 
     def minimise(self, phi: Floats, xi: Floats, sizes: Sizes, scale: float, most: int) -> Point:
-        """Levenberg–Marquardt from (φ, ξ) with noise times `scale`."""
-        W = self.whitener(sizes, scale)
+        """Minimise from (φ, ξ) with the noise times `scale`."""
         self.carry(phi, xi)
-        here = self.at(phi, xi, W, sizes.walk)
-        enough = 1e-3 if scale == 1.0 else 0.1  # of the log posterior
-        damping = 0.0
-        for _ in range(most):
-            there, damping = self._lower(here, W, sizes.walk, damping)
-            if there is None:
-                return here  # no way down from here
-            gained = here.cost - there.cost
-            here = there
-            if gained < enough:
-                break
-        return here
-
-    def _lower(self, here: Point, whitener: Whitener, walk: float, damping: float) -> tuple[Point | None, float]:
-        """Take a step down by more and more damping of φ; the damping to go on with. None where there is no way down.
-
-        A step that leads up is tried by half before it is damped: the share of the roll bends the response more than φ
-        does, and all else is nearly linear.
-        """
-        H, g = self.with_prior(here)
-        f, p = len(self.sought.free), self.p
-        top = float(np.max(np.diag(H)[:f], initial=1.0))
-        while damping <= 1e6 * top:
-            A = H.copy()
-            A[np.arange(f), np.arange(f)] += damping
-            move = np.zeros(p + len(here.xi))
-            move[self.moving] = -np.linalg.solve(A, g)
-            for part in (move, 0.5 * move):
-                phi = np.clip(here.phi + part[:p], self.sought.low, self.sought.high)
-                if np.max(np.abs(part[:p])) > STEEP or not self.feasible(phi):
-                    continue
-                there = self.at(phi, here.xi + part[p:], whitener, walk)
-                if there.cost <= here.cost:
-                    return there, damping / 8.0 if damping > 1e-6 * top else 0.0
-            damping = max(4.0 * damping, 1e-3 * top)
-        return None, damping
+        valley = _Noisy(self, self.whitener(sizes, scale), sizes.walk)
+        patience = Patience(most, 2e-3 if scale == 1.0 else 0.2, reuse=False)
+        return descend(valley, self.at(phi, xi, valley.whitener, sizes.walk), PACE, patience)[0]
 
     def profile(self, phi: Floats, xi: Floats, sizes: Sizes) -> float:
-        """Tell −ln of the posterior at φ as it is, with the nuisances that fit it best; from ξ by one linear step."""
+        """Return −ln of the posterior at fixed φ with the best nuisances, from ξ by one linear step."""
         self.carry(phi, xi)
         here = self.at(phi, xi, self.whitener(sizes), sizes.walk)
-        H, g = self.with_prior(here)
-        rest = slice(len(self.sought.free), None)
-        return here.cost - 0.5 * float(g[rest] @ np.linalg.solve(H[rest, rest], g[rest]))
+        q, first = self.posterior(here), len(self.sought.free)
+        return here.cost - 0.5 * Quadratic(q.H[first:, first:], q.pull[first:]).promise
 
     def choose(self, at: Point, white_floor: float) -> Sizes:
-        """Sizes with the largest marginal likelihood, everything else integrated out about `at`."""
+        """Sizes with the largest marginal likelihood, all else integrated out about `at`."""
         white = white_sd(at.residual, white_floor)
         best, chosen = np.inf, Sizes(white, SIZES[0], TAUS[0], WALKS[0])
         for slow in SIZES:
@@ -366,17 +341,13 @@ class Problem:
                 M = self.normal(at.residual, at.columns, W)
                 for walk in WALKS:
                     point = self.assemble(at.phi, at.xi, (at.residual, at.columns, at.end), M, walk)
-                    H, g = self.with_prior(point)
-                    L = np.linalg.cholesky(H)
-                    down = np.linalg.solve(L, g)
-                    score = point.cost - 0.5 * float(down @ down) + 0.5 * W.log_det
-                    score += float(np.log(np.diag(L)).sum()) + self.J * np.log(walk)
+                    score = self.posterior(point).integrated(point.deviance) + W.log_det + 2.0 * self.J * np.log(walk)
                     if score < best:
                         best, chosen = score, Sizes(white, slow, tau, walk)
         return chosen
 
     def hear_noise(self, at: Point, sizes: Sizes) -> None:
-        """Take off, from here on, what noise of the inlet adds to the squares about `at`; a constant apart."""
+        """Subtract from now on the addition of the inlet's noise to the squares about `at`, except for a constant."""
         if self.noise == 0.0:
             return
         W = self.whitener(sizes)
@@ -387,25 +358,24 @@ class Problem:
             len(self.means.seen),
             self.inputs.dt,
             swing,
-            self.means.sensed,
-            lambda Y: W(self.means.read(Y)),
+            Sight(self.means.sensed, lambda Y: W(self.means.read(Y))),
         )
         heard = float(np.sum(W(at.columns[:, :, -1:]) ** 2))
         self.by_noise[: self.p], self.by_noise[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
 
     def score(self, point: Point) -> float:
-        """−ln of the posterior mass about a mode (Laplace), up to a constant."""
-        H, _ = self.with_prior(point)
-        return point.cost + 0.5 * float(np.linalg.slogdet(H)[1])
+        """−ln of the posterior mass about a mode (Laplace), up to a constant.
 
-    def marginal(self, point: Point) -> tuple[Floats, Floats]:
-        """Information and gradient over (φ, v), the window's nuisances integrated out, prior not included."""
-        P = self.P
-        gain = np.linalg.solve(point.H[P:, P:], point.H[P:, :P])
-        return point.H[:P, :P] - point.H[:P, P:] @ gain, point.g[:P] - gain.T @ point.g[P:]
+        The promise of one more step is not included: between two roots, the step leads to the other root.
+        """
+        return point.cost + 0.5 * self.posterior(point).log_det
 
-    def with_cells(self, point: Point, sizes: Sizes) -> tuple[Floats, Floats]:
-        """Information and gradient as of `marginal`, over (φ, v) and the departures u of single cells."""
+    def marginal(self, point: Point) -> Quadratic:
+        """Posterior of (φ, v), the window's nuisances integrated out, without the prior."""
+        return Quadratic(point.H, -point.g).marginal(np.arange(self.P))
+
+    def with_cells(self, point: Point, sizes: Sizes) -> Quadratic:
+        """Posterior as of `marginal`, over (φ, v) and the differences u of single cells."""
         P, r = self.P, len(point.g)
         base = string_parameters(self.model, self.sought.names, point.phi)
         f = self.means.read(self.respond([base, *unlike(base, STEP)], point.xi).surface.transpose(1, 2, 0))
@@ -423,23 +393,22 @@ class Problem:
         H[r:, :P] += cross.T
         H[r:, r:] += carried.info[P:, P:]
         g[r:] += carried.info[P:, :P] @ delta + carried.grad[P:]
-        kept = np.r_[:P, r : len(g)]
-        gain = np.linalg.solve(H[P:r, P:r], H[P:r, kept])
-        return H[np.ix_(kept, kept)] - H[kept, P:r] @ gain, g[kept] - gain.T @ g[P:r]
+        return Quadratic(H, -g).marginal(np.r_[:P, r : len(g)])
 
-    def mean_of_cells(self, point: Point, info: Floats, grad: Floats) -> tuple[Floats, Floats]:
+    def mean_of_cells(self, point: Point, cells: Quadratic) -> tuple[Floats, Floats]:
         """Step of (φ, v) from the mode, and covariance there, with u integrated out of `with_cells`."""
-        P, own = self.P, info[self.P :, self.P :] + np.eye(len(grad) - self.P)
-        gain = np.linalg.solve(own, info[P:, :P])
-        cov = self._inverted(info[:P, :P] - info[:P, P:] @ gain)
-        return -cov @ (grad[:P] + self.prior(point)[1] - gain.T @ grad[P:]), cov
+        known = np.ones(len(cells.pull))
+        known[: self.P] = 0.0
+        q = Quadratic(cells.H + np.diag(known), cells.pull).marginal(np.arange(self.P))
+        cov = self._inverted(q.H)
+        return cov @ (q.pull - self.prior(point)[1]), cov
 
     def covariance(self, point: Point) -> Floats:
-        """Posterior covariance of (φ, v) at a mode; zero for what is fixed."""
-        return self._inverted(self.marginal(point)[0])
+        """Posterior covariance of (φ, v) at a mode; zero for fixed numbers."""
+        return self._inverted(self.marginal(point).H)
 
     def _inverted(self, info: Floats) -> Floats:
-        """Covariance (P, P) by information with the prior added; zero for what is fixed."""
+        """Covariance (P, P) from an information with the prior added; zero for fixed numbers."""
         post = info + np.diag(np.append(self.sought.info, np.ones(V)))
         cov = np.zeros_like(post)
         part = np.ix_(self.lasting, self.lasting)
@@ -447,7 +416,7 @@ class Problem:
         return 0.5 * (cov + cov.T)
 
     def noisier(self, point: Point, mean: Floats, sizes: Sizes) -> float:
-        """Factor on the noise with which all numbers would lie near what was known of them (`doubt`).
+        """Factor on the noise with which all numbers would lie near their prior (`doubt`).
 
         Parameters
         ----------
@@ -460,19 +429,50 @@ class Problem:
         sd = np.append(self.sought.info, np.ones(V))[self.lasting] ** -0.5
         off = np.append(mean - self.sought.mean, point.xi[:V])[self.lasting]
         if not len(self.sought.free) or np.all(np.abs(off) <= sound * sd):
-            return 1.0  # as nearly always: what the data tell needs no looking at
+            return 1.0  # nearly always: nothing has to be checked
         part = np.ix_(self.lasting, self.lasting)
         known = np.diag(sd**-2)
         if self.model.cells == 1:
-            info = self.marginal(point)[0][part]
-        else:  # what unlike cells do to the mean is no error of the model
-            step, cov = self.mean_of_cells(point, *self.with_cells(point, sizes))
+            info = self.marginal(point).H[part]
+        else:  # the effect of unequal cells on the mean is no model error
+            step, cov = self.mean_of_cells(point, self.with_cells(point, sizes))
             off, info = off + step[self.lasting], np.linalg.inv(cov[part]) - known
         return noise_factor(info, known, off, np.eye(len(off)), sound * sd)
 
 
+class _Noisy:
+    """The deviance of a window over the free part of (φ, ξ), for one noise."""
+
+    def __init__(self, problem: Problem, whitener: Whitener, walk: float) -> None:
+        self.problem, self.whitener, self.walk = problem, whitener, walk
+        rest = np.full(len(problem.xi0), np.inf)
+        self.lower = np.concatenate([problem.sought.low, -rest])[problem.moving]
+        self.upper = np.concatenate([problem.sought.high, rest])[problem.moving]
+
+    def at(self, z: Floats, near: Point) -> Point | None:
+        """Simulate; None if there is no coolant node."""
+        p = self.problem
+        all_of = np.concatenate([near.phi, near.xi])
+        all_of[p.moving] = z
+        phi, xi = all_of[: p.p], all_of[p.p :]
+        return p.at(phi, xi, self.whitener, self.walk) if p.feasible(phi) else None
+
+    def slopes(self, here: Point, fresh: bool) -> Quadratic:  # noqa: ARG002 - a point has its own columns
+        return self.problem.posterior(here)
+
+    def stiffness(self, H: Floats) -> Floats:
+        """Return Levenberg's damping, on φ alone: all else is nearly linear."""
+        f = len(self.problem.sought.free)
+        out = np.zeros(len(H))
+        out[:f] = np.max(np.diag(H)[:f], initial=1.0)
+        return out
+
+    def share(self, z: Floats, step: Floats) -> float:  # noqa: ARG002 - as far from everywhere
+        return min(1.0, STEEP / max(float(np.max(np.abs(step[: len(self.problem.sought.free)]), initial=0.0)), STEEP))
+
+
 def _warming(y: Floats) -> Floats:
-    """Mean measured surface over its value at the end of the window (K,), K; 0 where nothing was read."""
+    """Mean measured surface minus its value at the end of the window (K,), K; 0 without a reading."""
     counted = np.isfinite(y).sum(axis=1)
     read = np.flatnonzero(counted)
     if not len(read):
@@ -482,7 +482,7 @@ def _warming(y: Floats) -> Floats:
 
 
 def _rounding(y: Floats, dt: float) -> float:
-    """Greatest slow rounding error of m thermocouples (K, m), K: the bus rounds those of a string alike."""
+    """Greatest slow rounding error of m thermocouples (K, m), K: the bus rounds all of a string equally."""
     t = dt * np.arange(len(y))
     return max(
         (slow_rounding(t[seen], column[seen]) for column, seen in zip(y.T, np.isfinite(y.T), strict=True)), default=0.0

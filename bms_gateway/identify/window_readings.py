@@ -1,8 +1,8 @@
-"""Readings of one string over a window or a record, in as little room as they need.
+"""Readings of one string over a window or a record, stored with little memory.
 
-A record of single cells runs for an hour and a half, and few cells have a thermocouple: of a block of ticks only the
-cells that were read are kept. Arrays of one tick each would besides cost several times their numbers, and each would
-hold fast the arrays of all strings that it was cut out of.
+A record of single cells takes an hour and a half, and few cells have a thermocouple. Of a block of ticks, only the
+cells that were read are stored. Arrays of single ticks would take several times the memory of their numbers, and each
+would keep the arrays of all strings in memory of which it is a view.
 """
 
 import numpy as np
@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from bms_gateway.thermal import Floats
 
 GAP_S = 10.0
-"""A longer tick is a gap: the bus was silent, and a straight line through it would be made up."""
-HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0
-"""For so long the last value replaces a missing one: a lost current cannot hide a drive, and the inlet moves slowly."""
+"""A longer tick is a gap: the bus was silent, and values interpolated through it would be invented."""
 TOGETHER = 60
-"""Ticks put together to one block."""
+"""Number of ticks in one block."""
 
 
 class Gathered:
@@ -36,29 +34,35 @@ class Gathered:
         self._blocks: list[tuple[NDArray[np.intp], Floats, Floats]] = []
 
     def add(self, surface: Floats, age: Floats) -> None:
-        """Take in those of one tick (n,), °C with NaN for none, and s."""
+        """Include the readings of one tick (n,), °C with NaN for none, and their age, s."""
         self._single.append((surface, age))
         if len(self._single) >= TOGETHER:
             self._stack()
 
     def take(self, surface: Floats, age: Floats) -> None:
-        """Take in those of several ticks (K, n)."""
+        """Include the readings of several ticks (K, n)."""
         self._stack()
         self._keep(surface, age)
 
+    def cut(self, ticks: int) -> None:
+        """Keep only the first ticks."""
+        surface, age = self.whole()
+        self._single, self._blocks = [], []
+        self._keep(surface[:ticks], age[:ticks])
+
     def whole(self) -> tuple[Floats, Floats]:
-        """Give all of them.
+        """Return all readings.
 
         Returns
         -------
         surface, age : ndarray (K, n)
-            As they came; the age of what was not read may have become 0.
+            As they came; the age without a reading may have become 0.
         """
         self._stack()
         return self._of(np.arange(self._cells))
 
     def read(self) -> tuple[Floats, Floats, tuple[int, ...]]:
-        """Give those of the cells that were read at all.
+        """Return the readings of the cells that were ever read.
 
         Returns
         -------
@@ -72,7 +76,7 @@ class Gathered:
         return *self._of(np.array(cells, np.intp)), tuple(cells)
 
     def _of(self, cells: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """Give readings (K, r) of `cells`, all that were read among them."""
+        """Return readings (K, r) of `cells`, which include all cells that were read."""
         ticks = sum(len(surface) for _, surface, _ in self._blocks)
         surface, age = np.full((ticks, len(cells)), np.nan), np.zeros((ticks, len(cells)))
         end = 0

@@ -1,11 +1,11 @@
-r"""What all fits of windows share: where a window begins, how it feels the inlet, and how its readings are taken.
+r"""Shared by all fits of windows: the start of a window, its inlet, and the instants of its readings.
 
-A start is told as surfaces T_s and e in
+A start is given by surfaces T_s and e in
 
 .. math:: T_c = T_s + R_c \phi \,(T_s - T_f + e)
 
-with φ the film's conductance: what leaves a casing came from its core but for the little that the casing stores. So a
-hot start in the middle of a drive favours no set of parameters, and R_c moves the core with it.
+with φ the film's conductance: the heat that leaves a casing came from its core, except the little that the casing
+stores. So a hot start during a drive favours no set of parameters, and R_c moves the core with it.
 
 For Lin et al., Eq 1 and 16-18.
 """
@@ -17,20 +17,20 @@ import numpy as np
 from bms_gateway.thermal import Floats, StringParameters, coolant_path, film
 
 EARLY_S = 10.0
-"""Readings of this time tell where surfaces begin."""
+"""Readings of this time determine the start of the surfaces."""
 
 Spread = tuple[float, float, float]
-"""sd, K: of all cells alike, from end to end of the string, of each cell by itself."""
+"""sd, K: common to all cells, linear along the string, of each cell by itself."""
 FRESH: tuple[Spread, Spread] = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
-"""Of surfaces and cores where nothing is known but the first readings."""
+"""For surfaces and cores if only the first readings are known."""
 INLET_SD = 0.1
-"""K: difference between the inlet's reading and what the cells feel, as it moves."""
+"""K: difference between the inlet's reading and the inlet at the cells while it moves."""
 SWING_SD = 0.5
-"""At most so unsure is the gain of the inlet's swing."""
+"""Largest sd of the gain of the inlet's swing."""
 
 
 def start_map(p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
-    """Give E (2n, 2n) and c (2n,) of X = E (T_s, e) + c at an instant with the inlet at `inlet`, °C."""
+    """Return E (2n, 2n) and c (2n,) of X = E (T_s, e) + c at an instant with the inlet at `inlet`, °C."""
     n = p.cells
     M, m = coolant_path(p)
     over = (p.R_c * film(p))[:, None]
@@ -52,12 +52,12 @@ def start_information(n: int, surfaces: Spread, cores: Spread) -> Floats:
 
 
 def swing_information(inlet: Floats) -> float:
-    """1/sd² of the gain with which cells feel the inlet (K + 1,), °C, swing: none where it hardly moves."""
+    """1/sd² of the gain of the swing of the inlet (K + 1,), °C, at the cells: small if it hardly moves."""
     return float((np.std(inlet) / INLET_SD) ** 2 + SWING_SD**-2)
 
 
 def first_start(y: Floats, dt: float, inlet: float, n: int) -> Floats:
-    """Guess (T_s, e) (2n,), °C and K: surfaces as first read in y (K, m), or at the inlet where nothing was."""
+    """Guess (T_s, e) (2n,), °C and K: surfaces from the first readings in y (K, m), without readings the inlet."""
     early = y[: max(1, round(EARLY_S / dt))]
     seen = early[np.isfinite(early)]
     start = np.zeros(2 * n)
@@ -71,6 +71,6 @@ def lateness(age: Floats, dt: float, sensed: Sequence[int]) -> Floats:
 
 
 def at_readings(Y: Floats, late: Floats) -> Floats:
-    """Take what stands at the instants (K + 1, m, …) at the readings' own times (K, m, …); `late` as of `lateness`."""
+    """Interpolate values at the instants (K + 1, m, …) to the readings' times (K, m, …); `late` as of `lateness`."""
     late = late.reshape(*late.shape, *(1,) * (Y.ndim - 2))
     return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)

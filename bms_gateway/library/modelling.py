@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
-from bms_gateway.diagnosis.calibrate import changes, channel_errors, identify
+from bms_gateway.diagnosis.calibrate import Identified, changes, channel_errors, identify
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison
 from bms_gateway.diagnosis.compare import compare as compared
@@ -14,6 +14,8 @@ from bms_gateway.diagnosis.core_band import CoreBand
 from bms_gateway.diagnosis.core_known import judged_model
 from bms_gateway.diagnosis.detect import absorbed
 from bms_gateway.diagnosis.diagnosis import errors
+from bms_gateway.diagnosis.filed import filed_fit
+from bms_gateway.diagnosis.findings import refit_sentences
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError
@@ -234,13 +236,12 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
     found = identify(model, some, core=calibrate)
     # earlier statements about effects stay, unless a thermocouple in the core has been used since
     said = model.doubts if model.effects and not calibrate else ()
-    same = None if calibrate else found
-    written, core = judged_model(found.fit, model, some, said, calibrated=calibrate, identified=same)
+    written, core = judged_model(found, model, some, said, calibrated=calibrate)
     report = FitReport(
         "",
         tuple(r.source for r in some),
         calibrate,
-        changes(found.fit),
+        changes(found.fit, doubted=core.numbers_doubted),
         absorbed(found.fit).combinations,
         channel_errors(found.fit),
         errors(found.fit),
@@ -248,8 +249,16 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
         findings,
         notes,
         core,
+        () if calibrate else _worse(model, found),
     )
     return Fit(written, report)
+
+
+def _worse(model: StringModel, found: Identified) -> tuple[str, ...]:
+    """Say that the numbers of a fit follow its records less closely than those of the model before."""
+    filed = filed_fit(model, found.fit.problem.records, model_error=found.model_error_K > 0.0)
+    before, after = ((e.train_rmse_K, e.heldout_rmse_K) for e in (errors(filed), errors(found.fit)))
+    return refit_sentences(before, after, found.model_error_K > 0.0)
 
 
 def compare(model: StringModel, records: Records) -> Compared:

@@ -1,7 +1,8 @@
 """From readings to states: open loop, Luenberger, Kalman and the adaptive observer, all with init, predict, update.
 
-The observer of strings with effects is in `observe.effect_observer`: it brings the catalogue along, which a gateway
-without effects need not load; nor need it `observe.open_loop` and `observe.luenberger`, which are there for comparison.
+The observer of strings with effects is in `observe.effect_observer`. It imports the catalogue of effects, which a
+gateway without effects need not load. `observe.open_loop` and `observe.luenberger`, which serve for comparison, are not
+imported here either.
 """
 
 from bms_gateway.observe.adaptive import AdaptiveObserver

@@ -1,14 +1,14 @@
-"""The adaptive observer: stacked Kalman filters that take identified parameters, and say how far off they may be.
+"""The adaptive observer: stacked Kalman filters that use identified parameters and state the uncertainty of the result.
 
-The stated variance is P + J Σ Jᵀ: what the filter leaves open with its parameters taken for true, and what the
-covariance Σ of their logarithms adds through the sensitivities J, which are carried along (`sensitivity`). With wide
-priors a small surface residual then does not make a narrow band about an unsensed core. What cells differ among
-themselves (the model's tolerances) is added per cell, in the steady proportions: a resistance off by 3 % shifts the
-temperature across it by 3 %.
+The stated variance is P + J Σ Jᵀ. P is the variance of the filter if its parameters were exact. J Σ Jᵀ is what the
+covariance Σ of the logarithms of the parameters adds, through the sensitivities J, which are stepped with the filter
+(`sensitivity`). With wide priors, a small surface residual therefore does not make a narrow band around an unsensed
+core. The scatter of the cells (the model's tolerances) is added cell by cell in steady-state proportions: a resistance
+that is 3 % off shifts the temperature difference across it by 3 %.
 
-New parameters rebuild the matrices and move the estimate by J Δ ln θ, and each cell by its own share of its rise: to
-first order it is where it would be had it always run with them. That is also what keeps P + J Σ Jᵀ true from the first
-step on.
+New parameters rebuild the matrices. The estimate moves by J Δ ln θ, and each cell also by its own part of the change.
+To first order, the estimate is then where it would be if the filter had always run with these parameters. So P + J Σ Jᵀ
+holds from the first step on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.errors import StateError
+from bms_gateway.errors import OtherStatesError, StateError
 from bms_gateway.observe.bands import Bands, Deviations, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
 from bms_gateway.observe.cell_scatter import apart_by, own_rise, root
@@ -48,13 +48,13 @@ class AdaptiveObserver:
     disturbance : Disturbance, optional
     start : Start, optional
     several : bool
-        Whether readings may belong to some cell among several: `surprise` is then told which (`assign`).
+        Whether a reading may belong to one of several cells; `surprise.assign` then says to which.
     heat_rel_sd : float
-        Relative error of heat that is given instead of made from I²R_e.
+        Relative error of heat that is measured instead of computed as I²R_e.
 
     References
     ----------
-    Lin et al., Fig 5 (adaptive observer) and Fig 9–11 (strings); the gain and the band are ours.
+    Lin et al., Fig 5 (adaptive observer) and Fig 9–11 (strings); gain and band are not in the paper.
 
     Examples
     --------
@@ -97,13 +97,13 @@ class AdaptiveObserver:
         self._everywhere = np.arange(S)
         self._all_known = np.ones((S, OFFSETS), np.bool_)
         self._starts = np.stack([start_covariance(n, start, disturbance, inlet_known=known) for known in (False, True)])
-        self._state = self._kalman.init(np.zeros((S, 2 * n + OFFSETS)), np.repeat(self._starts[:1], S, 0))
-        self._blocks = Blocks(S, n, widest)
-        self._left = 0  # steps that may wait before the next block is full
+        self._state = self._kalman.init(np.zeros((S, self._kalman.model.states)), np.repeat(self._starts[:1], S, 0))
+        self._blocks = Blocks(S, self._kalman.model.states, n, widest)
+        self._left = 0  # steps until the next block is full
         self._share_of_usual = faded(self._dt, disturbance.correlation)
         self._inlet, self._heard = np.zeros(S), Heard.nothing(sensors.shape)
         self._usual, self._available = Usual.nothing(S, n), np.zeros(S, np.bool_)
-        self._everyone = False  # every string is available
+        self._everyone = False  # whether every string is available
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
@@ -112,27 +112,27 @@ class AdaptiveObserver:
 
     @property
     def covariances(self) -> Floats:
-        """Of the temperatures and offsets of each string (S, 2n + 2, 2n + 2), parameters taken for true."""
+        """Covariance (S, M, M) of temperatures and offsets of each string if its parameters were exact."""
         return self._state.P
 
     @property
     def share(self) -> Floats:
-        """Heat of each cell (S, n) over the mean of its string: by their R_e."""
+        """Heat of each cell (S, n) over the mean of its string, as their R_e."""
         return self._of.share
 
     def step(
         self, I2: Floats, heat: Floats | None, inlet: Floats, y: Floats, age: Floats, flow_ratio: Floats | None = None
     ) -> Estimate:
-        """Advance one step and take the readings in.
+        """Advance one step and use the readings.
 
         Parameters
         ----------
         I2 : ndarray (S,), A²
             Mean square of the current over the step; NaN where it is not known.
         heat : ndarray (S, n), W
-            Mean heat where it is known otherwise, as from the voltage; NaN, or None altogether, for I²R_e.
+            Mean heat where it is measured otherwise, as from the voltage; NaN (or None for all) means I²R_e.
         inlet : ndarray (S,), °C
-            Coolant inlet now; NaN where missing: the last one is held.
+            Coolant inlet now; NaN where missing: the last value is kept.
         y, age : ndarray (S, n), °C, s
             New surface readings (NaN: none) and how long before now they were taken.
         flow_ratio : ndarray (S,), optional
@@ -156,7 +156,7 @@ class AdaptiveObserver:
         if news is not None:
             self._turn(news, known, inlet1)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
-        inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
+        inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp that starts from a held value
         predicted = self._kalman.predict(
             self._state, electric if given is None else electric + given, inlet0, inlet1, known
         )
@@ -179,7 +179,7 @@ class AdaptiveObserver:
         return self._estimate(levers, sd, innovation.value, self.surprise.rounded(self._heard.sd))
 
     def _turn(self, news: Bools, known: Bools, inlet: Floats) -> None:
-        """Take in which inputs (S, 2) are back or lost, before the step that they come with or are missed in."""
+        """Use the news of inputs (S, 2) that are measured again or no longer, before the step in which this happens."""
         at, usual = np.flatnonzero(news.any(axis=1)), self._usual.mean.mean(axis=1)
         self._catch_up(at)
         state, disturbance = self._kalman.caught_up(self._state, at), self._kalman.model.disturbance
@@ -195,7 +195,7 @@ class AdaptiveObserver:
     def _feel(
         self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
     ) -> None:
-        """Take a step with the sensitivities that do not wait any longer, and look at their strings' bands anew."""
+        """Add a step to the sensitivities, make the steps that need not wait, and update the bands of their strings."""
         self._heard.take(np.isfinite(innovation.value), self._dt)
         self._heard.fresh = bool((self._heard.unread == 0.0).all())
         blocks, state, kalman = self._blocks, self._state, self._kalman
@@ -217,14 +217,14 @@ class AdaptiveObserver:
         self._heard.sd = self._bands.of_readings(innovation.sd)
 
     def estimate(self) -> Estimate:
-        """Tell where the strings are now, with no innovation; nothing changes."""
+        """Return the present state of the strings, with no innovation; nothing changes."""
         J = self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state)
         levers, nothing = self._levers(), np.full(self._heard.unread.shape, np.nan)
         sd = self._bands.now(self._state.P, J, self._of.root, levers, self._available)
         return self._estimate(levers, sd, nothing, nothing)
 
     def standing(self) -> Standing:
-        """Tell all that a forecast starts from; bands are as late as the steps that wait."""
+        """Return all that a forecast starts from; the bands do not yet contain the steps that wait (`blocks`)."""
         now = self._state.x, self._state.P, self._blocks.J.copy(), self._of.root, self.parameters, self._of.level
         own = self._of.gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
         return Standing(*now, *own, self._available, self._kalman.model.disturbance)
@@ -243,10 +243,10 @@ class AdaptiveObserver:
         ----------
         s : int
         values : mapping of symbol to value
-            SI, at nominal flow, one for all cells or one per cell; what is not named stays as it is. `heat` is the
-            gain of heat that is given.
+            SI, at nominal flow, one for all cells or one per cell; a symbol that is not named keeps its value. `heat`
+            is the factor on measured heat.
         names : sequence of str
-            Symbols the covariance speaks of, of `PARAMETERS`.
+            Symbols of `PARAMETERS` to which the covariance belongs.
         covariance : ndarray (p, p)
             Of the logarithms. Other parameters keep their variance, uncorrelated with these.
         own : ndarray (n, 3, 3), optional
@@ -268,27 +268,27 @@ class AdaptiveObserver:
         x = self._state.x.copy()
         x[s] += self._blocks.J[s] @ moved
         if self._available[s]:
-            x[s, :-OFFSETS] += own_rise(apart, rise, over, gap)
+            x[s, : 2 * self._of.cells] += own_rise(apart, rise, over, gap)
         self._bands.move(s, x[s] - self._state.x[s])
         self._state = replace(self._state, x=x)
         self._bands.differ(s, own)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
-        """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.
+        """Carry all strings over a time without frames: the bus was silent, or the gateway was off.
 
         Parameters
         ----------
         gap_s : float, s
             > 0.
         inlet : ndarray (S,), optional
-            Coolant inlet after it, °C; NaN or None takes the last one.
+            Coolant inlet after the gap, °C; NaN or None: the last value.
         unseen : bool
-            Whether current may have flowed, because we were off and not the bus (see `unseen`).
+            Whether current may have flowed, because the gateway was off and not the bus (see `unseen`).
 
         Returns
         -------
         Estimate
-            No heat in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
+            No heat during the gap; bands grow towards those of a rested string with an unknown inlet.
         """
         self._catch_up(self._everywhere)
         disturbance, usual, J = self._kalman.model.disturbance, self._usual.mean.mean(axis=1), self._blocks.J.copy()
@@ -316,7 +316,7 @@ class AdaptiveObserver:
         return self.estimate()
 
     def propagate_unknown(self) -> None:
-        """Carry all strings over a time of which nobody knows how long it was: a clock that is not to be believed."""
+        """Carry all strings over a time of unknown length: the clock cannot be trusted."""
         self._catch_up(self._everywhere)
         state, inlet, usual, unread = self._state, self._inlet, self._usual, self._heard.unread
         J = self._blocks.J.copy()
@@ -342,23 +342,29 @@ class AdaptiveObserver:
         return found | {"surprise": self.surprise.snapshot()}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from `snapshot` as if never stopped, bit for bit.
+        """Continue from `snapshot`, bit for bit as if the observer had never stopped.
 
         Raises
         ------
+        OtherStatesError
+            The snapshot has another number of states.
         StateError
-            It belongs to other strings, something is missing in it, or it holds no numbers.
+            It belongs to other strings, is incomplete, or holds values that are not numbers.
         """
         try:
-            stored = {"gain": np.ones(len(self._inlet)).tolist(), **snapshot["own"]}  # older states know no gain
+            x, P = np.shape(snapshot["state"]["x"]), np.shape(snapshot["state"]["P"])
+            states = self._state.x.shape[1]
+            if (*x, x[-1]) == P and x[-1] != states:  # if x and P disagree, it is corrupt, not of another form
+                raise OtherStatesError(f"observer state: a string has {x[-1]} states in it, and {states} here")
+            stored = {"gain": np.ones(len(self._inlet)).tolist(), **snapshot["own"]}  # older states have no gain
             own = {k: like(stored[k], value) for k, value in self._kept().items()}
             usual = self._usual.restored(snapshot["own"])
             names = [f.name for f in fields(KalmanState)]
             state = KalmanState(**{k: like(snapshot["state"][k], getattr(self._state, k)) for k in names})
             J = like(snapshot["own"]["J"], self._blocks.J)
             surprise = self.surprise.restored(snapshot.get("surprise"))
-            blocks = Blocks(len(self._inlet), self._of.cells, self._heard.unread.shape[1])
-            block = snapshot.get("block")  # states of before sensitivities went in blocks have none that waits
+            blocks = Blocks(len(self._inlet), state.x.shape[1], self._of.cells, self._heard.unread.shape[1])
+            block = snapshot.get("block")  # states of older versions have no waiting steps
             if block is None:
                 blocks.put(self._everywhere, J)
             else:
@@ -373,7 +379,7 @@ class AdaptiveObserver:
             parameters = [
                 m.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in m.priors}) for m, p, v in values
             ]
-        except (KeyError, TypeError, ValueError) as e:
+        except (IndexError, KeyError, TypeError, ValueError) as e:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
         if not all(
             np.isfinite(a).all() for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned, bands.lag)
@@ -391,13 +397,13 @@ class AdaptiveObserver:
             bands.know(self._everywhere, state.P, J, self._of.root, np.zeros((*own["unread"].shape, len(PARAMETERS))))
 
     def _kept(self) -> dict[str, Any]:
-        """List what a snapshot holds beside the filter's state and the parameters."""
+        """List what a snapshot holds besides the filter's state and the parameters."""
         of, heard = self._of, self._heard
         found = {"cov": of.cov, "gain": of.gain, "inlet": self._inlet, "unread": heard.unread, "level": of.level}
         return {**found, "available": self._available}
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
-        """Start the strings of which something is heard for the first time."""
+        """Start the strings that have their first inlet or reading now."""
         if self._everyone:
             return
         heard: Bools = np.isfinite(y)
@@ -406,8 +412,8 @@ class AdaptiveObserver:
             return
         x, P, known = self._state.x.copy(), self._state.P.copy(), np.isfinite(inlet[new])
         level = np.array([float(np.mean(y[s][heard[s]])) if heard[s].any() else float(inlet[s]) for s in new])
-        x[new, :-OFFSETS] = level[:, None]
-        x[new, -OFFSETS:] = 0.0
+        x[new, : 2 * self._of.cells] = level[:, None]
+        x[new, 2 * self._of.cells :] = 0.0
         P[new] = self._starts[known.astype(np.int64)]
         self._state = self._state.begun(new, x, P)
         self._inlet, self._available = self._inlet.copy(), self._available.copy()
@@ -417,7 +423,7 @@ class AdaptiveObserver:
         self._everyone, self._left = bool(self._available.all()), 0
 
     def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Floats, Floats | None, Bools]:
-        """Heat from I²R_e, heat given, and whether either was there; else the usual heat of the last minutes."""
+        """Return heat by I²R_e (by the usual heat if unknown), heat by voltage, and which strings' heat is known."""
         electric = I2[:, None] * self._of.R_e
         given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
@@ -439,7 +445,7 @@ class AdaptiveObserver:
             self._catch_up(at)
             state = self._kalman.caught_up(self._state, at)
             held = state.held.copy()
-            held[at] = np.minimum(held[at], EVERY - 1)  # a little change: the next step is computed, then short strides
+            held[at] = np.minimum(held[at], EVERY - 1)  # a small change: the next step is computed, strides start short
             self._state = replace(state, held=held)
         self._blocks.forget(at)
         in_force = [self._of.string(int(s)) for s in at]
@@ -449,7 +455,7 @@ class AdaptiveObserver:
         self.surprise.set_parameters(self._of.parameters)
 
     def _catch_up(self, at: Ints) -> None:
-        """Let the sensitivities of the strings `at` make the steps that wait."""
+        """Make the waiting steps of the sensitivities of the strings `at`."""
         self._left = 0
         self._blocks.put(at, self._blocks.caught_up(at, self._flows, self._kalman, self._state))
 
@@ -458,7 +464,7 @@ class AdaptiveObserver:
         return Estimate(*cells, Errors(innovation, innovation_sd, self._bands.on_cells), self._available)
 
     def _levers(self) -> Levers:
-        """Tell what cells' own numbers stand behind; what surfaces rest on is found anew where that has changed."""
+        """Return the levers of the cells (`bands`); renew their base if other surfaces are read than before."""
         if (read := self._heard.newly()) is not None:
             self._bands.rest_on(self._flows, self._kalman.sensors, read)
         return self._bands.levers(self._state.x, self._inlet)

@@ -1,16 +1,16 @@
-r"""What strings will be some minutes from now, how far off that may be, and which current keeps them below a limit.
+r"""Temperatures of strings some minutes ahead, their uncertainty, and the current that keeps them below a limit.
 
-Temperatures ahead are linear in the square u of the current, T(h) = T_0(h) + u T_1(h), with T_0 the course without a
-load and T_1 the response to one A² from now on. Of what makes the forecast uncertain one part is the same for every
-load (the state of now, drifting heat, the inlet, unexplained heat), another goes with the course: the uncertain
-numbers, what cells differ by, the share of R_c within the roll. As slopes are linear in u too,
+Temperatures ahead are linear in the square u of the current, T(h) = T_0(h) + u T_1(h). T_0 is the course without a
+load, and T_1 the response to one A² from now on. One part of the uncertainty is the same for every load: the present
+state, drifting heat, the inlet, unexplained heat. Another part depends on the course: the uncertain parameters, the
+scatter of the cells, the share of R_c within the roll. As slopes are linear in u too,
 
 .. math:: \operatorname{var} T(h) = w(h) + q_0(h) + 2 u \, q_1(h) + u^2 q_2(h)
 
 so the greatest load that keeps a cell z standard deviations below a limit L is the smaller root of
 :math:`(L - T_0 - u T_1)^2 = z^2 \operatorname{var} T`.
 
-Beyond Lin et al., whose observer tells of now.
+Beyond Lin et al., whose observer estimates only the present.
 """
 
 from dataclasses import dataclass
@@ -21,17 +21,17 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import hottest_point
 
 STEP_S = 10.0
-"""The finest step ahead: a surface follows in about nine seconds, a core in minutes."""
+"""Finest step of a forecast: a surface follows in about nine seconds, a core in minutes."""
 PATH = (1, 2, 3, 4, 6, 9, 12, 18, 24, 30, 45, 60)
-"""Steps ahead at which the course is followed, for the time to a limit."""
+"""Steps ahead at which the course is computed, for the time to a limit."""
 ENDS = (1, 6, 30, 60)
-"""Those of `PATH` at which bands are told."""
+"""Instants of `PATH` at which bands are given."""
 HORIZONS_S = tuple(STEP_S * k for k in ENDS)
 PATH_S = np.array([0.0, *(STEP_S * k for k in PATH)])
 AT_ENDS = [1 + PATH.index(k) for k in ENDS]
 CORE, SURFACE, CENTRE = 0, 1, 2
 SURE = 2.0
-"""Standard deviations that a permitted current keeps below the limit: 1 in 44 of a Gaussian lies beyond."""
+"""Distance in standard deviations that a permitted current keeps below the limit: 1 in 44 of a Gaussian lies beyond."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Course:
     lag: Floats
 
     def centre(self, phi: Floats) -> Floats:
-        """Temperature of the roll's centre; of a response to a load, so much per A²."""
+        """Temperature of the roll's centre; of a response to a load, per A²."""
         return np.asarray(self.core + phi * self.lag, dtype=np.float64)
 
     def three(self, phi: Floats) -> Floats:
@@ -53,7 +53,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class Unlike:
-    """What cells differ by, and what nobody knows of rolls.
+    """Scatter of the cells, and the uncertainty of their jelly rolls.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Unlike:
     phi, phi_sd : ndarray (S, 1)
         Share of R_c within the roll.
     doubt : ndarray (S, 1)
-        Share of the difference core to surface that may be wrong beyond all this.
+        Share of the difference core to surface that may be wrong in addition.
     now : ndarray (3, S, n), K²
-        Variance of core, surface, centre of now by what cells differ by.
+        Variance of the present core, surface and centre by the scatter of cells.
     """
 
     heat: Floats
@@ -78,14 +78,14 @@ class Unlike:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What makes S strings uncertain ahead, at the H instants `HORIZONS_S`.
+    """Uncertainty of S strings ahead, at the H instants `HORIZONS_S`.
 
     Attributes
     ----------
     still : ndarray (3, H, S, n), K²
-        Variances of cores and surfaces, and their covariance, whatever the load.
+        Variances of cores and surfaces, and their covariance, that do not depend on the load.
     gram : ndarray (H, S, n, 4, 4)
-        What the uncertain numbers add: products of the slopes of core without a load, core per A², surface without a
+        Part of the uncertain parameters: products of the slopes of core without a load, core per A², surface without a
         load, surface per A².
     """
 
@@ -110,11 +110,11 @@ class Ahead:
     Attributes
     ----------
     still, load : Course
-        Without a load, and the response to one A² in the direction that the current has now.
+        Without a load, and the response to one A² in the present direction of the current.
     certainty : Certainty
     phi : ndarray (S, 1)
     other : Course or None
-        Response to one A² in the other direction; None where it is the same.
+        Response to one A² in the other direction; None if it is the same.
     """
 
     still: Course
@@ -130,7 +130,7 @@ class Ahead:
         return np.stack((core, surface, hottest_point(core, surface, lag, self.phi)))
 
     def sd(self, square: Floats, square_sd: Floats | None = None) -> Floats:
-        """Tell deviations (3, H, S, n), K, under mean squares (S,) that may be off by `square_sd` (H, S), A²."""
+        """Return standard deviations (3, H, S, n), K, under mean squares (S,), A², with sd `square_sd` (H, S)."""
         u, c = square[:, None], self.certainty
         var = c.w + c.q0 + u * (2.0 * c.q1 + u * c.q2)
         if square_sd is not None:
@@ -140,16 +140,16 @@ class Ahead:
     def permitted(self, limit_C: float, sds: float = SURE, way: int = 1) -> Floats:
         """Greatest constant squares of the current (H, S), A², that keep each cell's hottest point below a limit.
 
-        Held from now on for the time of each horizon; 0 where no current does, infinite where any does, NaN where a
+        The current flows from now on until each horizon. 0 if every current is too much, infinite if none is, NaN if a
         cell of the string is not known.
 
         Parameters
         ----------
         limit_C : float
         sds : float
-            By how many standard deviations the hottest point shall stay below.
+            Number of standard deviations by which the hottest point must stay below.
         way : {1, -1}
-            1 for a current in the direction of now, -1 for the other one.
+            1 for a current in the present direction, -1 for the other direction.
         """
         load = self.load if way > 0 or self.other is None else self.other
         s, certain, z = self.still, self.certainty, sds**2
@@ -165,7 +165,7 @@ class Ahead:
 
 
 def certainty(still: Course, load: Course, spread: Spread, unlike: Unlike) -> Certainty:
-    """Put together what is uncertain of the time ahead.
+    """Put together the uncertainty of a forecast.
 
     Parameters
     ----------
@@ -194,9 +194,9 @@ def certainty(still: Course, load: Course, spread: Spread, unlike: Unlike) -> Ce
 
 
 def _three(core: Floats, surface: Floats, one: Floats, other: Floats, unlike: Unlike) -> Floats:
-    """Products of two slopes of core, surface, and centre = core + φ (core - surface), by those of core and surface.
+    """Products of two slopes of core, surface, and centre = core + φ (core - surface), from those of core and surface.
 
-    `one` and `other` are those of the first's core with the second's surface, and of the second's with the first's.
+    `one`: first core with second surface; `other`: second core with first surface.
     """
     phi, mixed = unlike.phi, one + other
     centre = (1.0 + phi) ** 2 * core + phi**2 * surface - phi * (1.0 + phi) * mixed
@@ -204,7 +204,7 @@ def _three(core: Floats, surface: Floats, one: Floats, other: Floats, unlike: Un
 
 
 def first_crossing(course: Floats, limit_C: float) -> Floats:
-    """Seconds until each of the courses (K + 1, …) first reaches a limit; infinite where none does in the time told.
+    """Seconds until each of the courses (K + 1, …) first reaches a limit; infinite if it does not within the forecast.
 
     Examples
     --------

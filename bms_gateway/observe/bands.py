@@ -1,10 +1,10 @@
-r"""How far off strings may be: what the filter leaves open, what their numbers add, what cells differ by.
+r"""Standard deviations of strings: from the filter, from the uncertain parameters, and from the scatter of the cells.
 
-The first two parts are looked at again when the filter's covariance or the sensitivities have moved; the third goes
-with the temperatures, and is looked at in every step.
+The first two parts are updated when the filter's covariance or the sensitivities have moved. The third part depends on
+the temperatures and is updated in every step.
 
-The hottest point of a cell (`thermal.centre`) is core + φ gap, so that its variance is that of this sum, with what
-core and gap have in common, and of φ: :math:`\sigma_\varphi^2 (gap^2 + \sigma_{gap}^2)`.
+The hottest point of a cell (`thermal.centre`) is core + φ gap. Its variance is that of this sum, including the
+covariance of core and gap, plus that of φ: :math:`\sigma_\varphi^2 (gap^2 + \sigma_{gap}^2)`.
 
 Beyond Lin et al., who give no bands.
 """
@@ -24,8 +24,8 @@ from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
 
 Levers = Floats
-"""Temperatures (6, S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap; what φ
-stands behind: the gap as the profile within the roll has followed it; then core and surface themselves."""
+"""Levers: temperatures (6, S, n) on which a cell's uncertain numbers act. R_e, R_u, R_c: core over base, surface over
+base, gap. φ: the gap after the delay of the roll's profile. Then core and surface themselves."""
 CORE, SURFACE = 4, 5
 Told = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 Deviations = Floats
@@ -33,7 +33,7 @@ Deviations = Floats
 
 
 class Bands:
-    """Variances of S strings of n cells, and of the readings of their m sensors by their numbers.
+    """Variances of S strings of n cells, and what the parameters add to the variances of the readings of m sensors.
 
     Parameters
     ----------
@@ -41,16 +41,16 @@ class Bands:
     sensors : ndarray of int (S, m)
         0-based cells.
     fitted : ndarray of bool (S, m)
-        Which columns of `sensors` count.
+        Which columns of `sensors` are in use.
 
     Attributes
     ----------
     own : ndarray (S, n, 3, 3)
         Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells.
     owned : bool
-        Whether any of it is more than the models' tolerances.
+        Whether `own` is more than the models' tolerances for some string.
     lag : ndarray (S, n), K
-        Difference core to surface as the profile within the roll has followed it.
+        Difference core to surface after the delay of the profile within the roll.
     """
 
     def __init__(self, models: Sequence[StringModel], sensors: Ints, fitted: Bools) -> None:
@@ -62,7 +62,7 @@ class Bands:
         self._weights = weights(self._tolerated, self._phi[:, 0], self._phi_sd[:, 0])
         self._alike = self._weights[0] if (self._weights == self._weights[0]).all() else None
         self.lag, self._tau, self._pace = np.zeros((S, n)), np.zeros((S, n)), np.ones((S, n))
-        # of cores, surfaces, centres: what the filter leaves open, what numbers add, and what thermocouples are off
+        # of cores, surfaces, centres: part of the filter, the parameters and the thermocouples' offsets; of readings
         self._still, self._more = np.zeros((3, S, n)), np.zeros(sensors.shape)
         self._over: tuple[Floats, Floats] | None = None
         self._places = (np.arange(S)[:, None] * n + sensors)[fitted]
@@ -70,21 +70,21 @@ class Bands:
         self._shape = S, n
 
     def differ(self, s: int, own: Floats | None) -> None:
-        """Take what the cells of string `s` differ by; None for its tolerances."""
+        """Set the covariance of the cells of string `s`; None: the model's tolerances."""
         if own is not None or self.owned:
             tolerated = as_tolerated(self._tolerated, self._shape[1])[s]
             self.own, self.owned = self.own.copy(), True
             self.own[s] = tolerated if own is None else own
 
     def know(self, at: Ints, P: Floats, J: Floats, root: Floats, seen: Floats) -> None:
-        """Take what the filter leaves open in the strings `at`, and the sensitivities of states and readings."""
+        """Update the filter's and the parameters' parts of the strings `at`; `seen`: sensitivities of readings."""
         self._still[:, at] = self._known(at, P, J, root)
         self._more[at] = _squares(np.matmul(seen, chosen(root, at)))
 
     def rest_on(self, flows: Flows, sensors: Ints, read: Bools) -> None:
         """Choose the base of the levers: the coolant, or the cell's own surface where `read` (S, m) is true.
 
-        A cell's base is M T_s + m T_in, or its own surface: what surfaces are over it is linear in them.
+        A cell's base is M T_s + m T_in, or its own surface. The surface's height over the base is linear in them.
         """
         n = self._shape[1]
         M, m = np.eye(n) - flows.M, flows.m.copy()
@@ -94,7 +94,7 @@ class Bands:
         self._over = M, m
 
     def levers(self, x: Floats, inlet: Floats) -> Levers:
-        """Tell the levers of states `x` (S, M) under the measured `inlet` (S,)."""
+        """Return the levers of states `x` (S, M) under the measured `inlet` (S,)."""
         assert self._over is not None  # noqa: S101 - set before the first look
         N, (M, m) = 2 * self._shape[1], self._over
         levers = np.empty((6, *self._shape))
@@ -106,26 +106,26 @@ class Bands:
         return levers
 
     def pace(self, parameters: Sequence[StringParameters], dt: float) -> None:
-        """Take how fast the profiles of rolls with these parameters follow, in steps of `dt`."""
+        """Set the speed of the rolls' profiles for these parameters, in steps of `dt`."""
         R_c, C_c = (np.stack([getattr(p, name) for p in parameters]) for name in ("R_c", "C_c"))
         self._tau = time_constant(self._phi, R_c, C_c)
         self._pace = followed(dt, self._tau)
 
     def follow(self, levers: Levers) -> None:
-        """Let the profiles within the rolls follow for one step."""
+        """Advance the profiles within the rolls by one step."""
         self.lag = levers[3] = levers[3] + self._pace * (levers[2] - levers[3])
 
     def rest(self, x: Floats, elapsed_s: float) -> None:
-        """Let the profiles follow for so long, to that which belongs to the states `x` (S, M)."""
+        """Advance the profiles by this time towards the states `x` (S, M)."""
         gap = self._gap(x)
         self.lag = gap + (self.lag - gap) * (1.0 - followed(elapsed_s, self._tau))
 
     def move(self, s: int, dx: Floats) -> None:
-        """Let the profiles of string `s` move as its states (M,) do that are corrected: it had always been so."""
+        """Move the profiles of string `s` with a correction (M,) of its states, as if it had always held."""
         self.lag[s] += self._gap(dx)
 
     def of_cells(self, levers: Levers, sd: Deviations, available: Bools | None) -> Told:
-        """Tell cores, surfaces and centres (S, n), each with its deviations; NaN where strings are not `available`."""
+        """Return cores, surfaces and centres (S, n), each with its sd; NaN for strings that are not `available`."""
         core, surface = levers[CORE], levers[SURFACE]
         if available is not None:
             core, surface = np.where(available[:, None], levers[CORE:], np.nan)
@@ -133,15 +133,15 @@ class Bands:
         return core, sd[0], surface, sd[1], centre, centre_sd
 
     def told(self, levers: Levers, available: Bools | None) -> Deviations:
-        """Tell the standard deviations; infinite where strings are not `available`."""
+        """Return the standard deviations; infinite for strings that are not `available`."""
         return self._sds(self._still, levers, available)
 
     def now(self, P: Floats, J: Floats, root: Floats, levers: Levers, available: Bools) -> Deviations:
-        """Tell them for other covariances and sensitivities, of all strings; nothing changes."""
+        """Return the standard deviations for other covariances and sensitivities of all strings; nothing changes."""
         return self._sds(self._known(np.arange(self._shape[0]), P, J, root), levers, available)
 
     def of_readings(self, sd: Floats) -> Floats:
-        """Widen what readings (S, m) scatter by with the numbers known."""
+        """Add the part of the parameters to the standard deviations of readings (S, m)."""
         return np.asarray(np.sqrt(np.square(sd) + self._more), dtype=np.float64)
 
     def on_cells(self, values: Floats) -> Floats:
@@ -151,22 +151,22 @@ class Bands:
         return out.reshape(self._shape)
 
     def unlike(self, levers: Levers) -> Unlike:
-        """Tell what cells differ by, for a forecast."""
+        """Return the scatter of the cells, for a forecast."""
         heat, cooling, inside = (np.sqrt(self.own[:, :, i, i]) for i in range(3))
         now = self._between(levers) + self._offset
         return Unlike(heat, cooling, inside, self._phi, self._phi_sd, np.zeros_like(self._phi), now)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what was last looked at, as numbers and lists."""
+        """Return the last results, as numbers and lists."""
         return {"more": plain(self._more), "lag": plain(self.lag)}
 
     def restore(self, snapshot: dict[str, Any], P: Floats, J: Floats, root: Floats) -> None:
-        """Take up a snapshot of as many strings of this length; states of before there were centres have no lag.
+        """Restore a snapshot of as many strings of this length; states of older versions have no lag.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none of them.
+            `snapshot` is not a snapshot of such bands.
         """
         self._more = like(snapshot["more"], self._more)
         if "lag" in snapshot:
@@ -174,7 +174,7 @@ class Bands:
         self._still = self._known(np.arange(self._shape[0]), P, J, root)
 
     def _known(self, at: Ints, P: Floats, J: Floats, root: Floats) -> Floats:
-        """Variances (3, s, n) of cores, surfaces and centres of the strings `at`, but for what cells differ by."""
+        """Variances (3, s, n) of cores, surfaces and centres of the strings `at`, without the scatter of the cells."""
         N, (phi, phi_sd, offset) = 2 * self._shape[1], (chosen(a, at) for a in (self._phi, self._phi_sd, self._offset))
         P, spread = chosen(P, at), np.matmul(J[:, :N], chosen(root, at))
         diagonal = np.einsum("sii->si", P)
@@ -189,7 +189,7 @@ class Bands:
         return sd if available is None else np.where(available[:, None], sd, np.inf)
 
     def _between(self, levers: Levers) -> Floats:
-        """Variances (3, S, n) of cores, surfaces and centres by what cells differ by."""
+        """Variances (3, S, n) of cores, surfaces and centres from the scatter of the cells."""
         squares = np.square(levers[:CORE])
         if self.owned:
             return between_cells(levers, self.own, self._phi, self._phi_sd)
@@ -203,5 +203,5 @@ class Bands:
 
 
 def _squares(a: Floats) -> Floats:
-    """Sum the squares over the last axis, which is short: a reduction there would be slow."""
+    """Sum the squares over the last axis; it is short, and numpy's reduction would be slow."""
     return np.asarray(np.einsum("smp,smp->sm", a, a), dtype=np.float64)

@@ -1,15 +1,15 @@
-r"""Sensitivities in blocks: while gain and matrices stand still, J runs many steps at once.
+r"""Sensitivities in blocks: while gain and matrices stay the same, J makes many steps at once.
 
-With one gain K, one lag w and the forcing of the steps' mean, a step of `sensitivity` is J⁺ = E J + V F with
+With one gain K, one lag w and the mean forcing of the steps, a step of `sensitivity` is J⁺ = E J + V F with
 
 .. math::
     E = (I - (1-w) K C) A - w K C, \qquad V = \tfrac{\Delta t}{2} (I - (1-w) K C)(A + I)
 
-and many steps are one of the same form: after n of them m more make E ← E_m E_n, V ← V_m + E_m V_n. Steps wait, their
-means gathered, until `BLOCK` of them are there or something changes; the next one is then made by itself. A band is as
-late as the steps that wait.
+Many steps have the same form: m steps after n steps give E ← E_m E_n, V ← V_m + E_m V_n. Steps wait, and only their
+sums are kept, until `BLOCK` of them wait or something changes. The step after them is computed singly. The steps that
+wait are not yet in the band.
 
-Beyond Lin et al., whose observer holds its parameters for exact.
+Beyond Lin et al., whose observer treats its parameters as exact.
 """
 
 from collections.abc import Mapping
@@ -26,42 +26,42 @@ from bms_gateway.thermal import Floats
 
 DOUBLINGS = 3
 BLOCK = 2 ** (DOUBLINGS + 1) - 1
-"""Steps that may wait: far fewer than the time constants of a core, and enough to make them cheap. With the one that
-is made by itself they are a power of two, as strides of the covariance are: where these end, none waits."""
+"""Steps that may wait: far fewer than the time constants of a core, and enough to make them cheap. Together with the
+single step after them they are a power of two, like the strides of the covariance. At the end of a stride, no step
+waits."""
 
 
 class Blocks:
-    """Sensitivities of S strings and the steps that they have not made yet.
+    """Sensitivities of S strings and the steps that they have not made yet (the steps that wait).
 
     Parameters
     ----------
-    strings, cells, sensors : int
-        Sensors: columns of a gain.
+    strings, states, cells, sensors : int
+        S, M, n, and the columns of a gain.
 
     Attributes
     ----------
     J : ndarray (S, M, p)
         Without the steps that wait.
     waiting : ndarray of int (S,)
-        How many those are.
+        Number of steps that wait.
     """
 
-    def __init__(self, strings: int, cells: int, sensors: int) -> None:
-        M = 2 * cells + OFFSETS
-        self._cells = cells
+    def __init__(self, strings: int, states: int, cells: int, sensors: int) -> None:
+        M, self._cells = states, cells
         self.J = np.zeros((strings, M, len(PARAMETERS)))
         self.waiting = np.zeros(strings, np.int64)
-        # sums over the steps that wait: states and inputs before each, states after it, heat that was given
+        # sums over the steps that wait: states and inputs before each, states after it, heat that was measured
         self._before, self._after = np.zeros((strings, M + cells + OFFSETS)), np.zeros((strings, M))
         self._given = np.zeros((strings, cells))
-        # gains that blocks are made with, and how long readings had held when these were taken
+        # gains of the blocks, and for how many steps the pattern of readings had held when they were taken
         self._K, self._since = np.zeros((strings, M, sensors)), np.zeros(strings, np.int64)
-        # of a whole block, made when first wanted; no part of the state
+        # E and V of a whole block, made when first used; not part of the snapshot
         self._made: Bools = np.zeros(strings, np.bool_)
         self._E, self._V = np.zeros((2, 0, M, M))
 
     def wait(self, step: Predicted, given: Floats | None) -> None:
-        """Let one more step wait, of all strings."""
+        """Add one more waiting step to all strings."""
         self._before += step.u
         self._after += step.x
         if given is not None:
@@ -69,10 +69,10 @@ class Blocks:
         self.waiting += 1
 
     def forget(self, at: Ints, state: KalmanState | None = None) -> None:
-        """Strings `at` have other matrices from now on, or other gains than blocks were made with.
+        """Discard the blocks of the strings `at`, whose matrices or gains have changed.
 
-        With a state: its gains; between a change of readings and the time when strides have doubled they move too
-        little to be made new blocks of.
+        With a state, its gains are taken. Until the pattern of readings has held twice as long as at the last time, the
+        gains move too little to make new blocks.
         """
         if state is not None:
             held = state.held[at]
@@ -81,21 +81,21 @@ class Blocks:
         self._made[at] = False
 
     def put(self, at: Ints, J: Floats) -> None:
-        """Give the strings `at` sensitivities with no step waiting."""
+        """Set the sensitivities of the strings `at`, with no step waiting."""
         self.J[at] = J
         self.waiting[at] = 0
         for total in (self._before, self._after, self._given):
             total[at] = 0.0
 
     def caught_up(self, at: Ints, flows: Flows, kalman: Kalman, state: KalmanState) -> Floats:
-        """Sensitivities (s, M, p) of the strings `at` with the steps that wait made; nothing changes.
+        """Sensitivities (s, M, p) of the strings `at` after the steps that wait; nothing changes.
 
         Parameters
         ----------
         at : ndarray of int (s,)
         flows : Flows
         kalman, state : Kalman, KalmanState
-            With the matrices, gain and pattern that these steps had.
+            With the matrices, gain and pattern of these steps.
         """
         J = self.J[at]  # a copy
         late = np.flatnonzero(self.waiting[at])
@@ -117,7 +117,7 @@ class Blocks:
         return J
 
     def _forcing(self, at: Ints, flows: Flows) -> Floats:
-        """Mean forcing (s, M, p) of the steps that wait; each is taken in its middle."""
+        """Mean forcing (s, M, p) of the steps that wait; each is evaluated in its middle."""
         M, n = self._after.shape[1], self._cells
         share = 1.0 / self.waiting[at][:, None]
         before, after, given = self._before[at] * share, self._after[at] * share, self._given[at] * share
@@ -135,16 +135,16 @@ class Blocks:
         return chosen(self._E, at), chosen(self._V, at)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the steps that wait and what they wait for, as numbers and lists."""
+        """Return the steps that wait and the sensitivities, as numbers and lists."""
         return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Take up a snapshot of as many strings of this length.
+        """Restore a snapshot of as many strings of this length.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none of them, or holds no numbers.
+            `snapshot` is not a snapshot of such blocks, or holds no numbers.
         """
         taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _KEPT}
         waiting = taken["waiting"]
@@ -156,12 +156,12 @@ class Blocks:
 
 
 def chosen(a: np.ndarray, at: Ints) -> np.ndarray:
-    """Take the rows `at`, ascending and each once, of `a`: no copy where these are all."""
+    """Take the rows `at` (ascending, each once) of `a`, without a copy if these are all rows."""
     return a if len(at) == len(a) else a[at]
 
 
 def _lag(state: KalmanState, at: Ints) -> Floats:
-    """Lags (s, m) that the pattern stands for, as shares of the step."""
+    """Lags (s, m) of the pattern, as shares of the step."""
     quarter = state.pattern[at, :-OFFSETS]
     return np.asarray(np.where(quarter == NONE, 0, quarter) / LAG_STEPS, dtype=np.float64)
 
@@ -181,7 +181,7 @@ def _doubled(at: Ints, kalman: Kalman, state: KalmanState, gain: Floats) -> tupl
     for k in range(surface.shape[1]):
         E[row[:, 0], :, surface[:, k]] -= K[:, :, k] * w[:, :, k]
     one, V_one = E, V
-    for _ in range(DOUBLINGS):  # 1, 3, 7, 15 steps: as many again, and one more
+    for _ in range(DOUBLINGS):  # 1, 3, 7, 15 steps: twice as many and one more
         E, V = np.matmul(E, E), V + np.matmul(E, V)
         E, V = np.matmul(one, E), V_one + np.matmul(one, V)
     return E, V

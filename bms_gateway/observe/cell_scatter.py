@@ -1,6 +1,6 @@
-"""What is uncertain beside the filter: how unlike cells are, and the root of a covariance.
+"""Uncertainty besides that of the filter: scatter of the cells, and the root of a covariance.
 
-Beyond Lin et al., whose observer holds its parameters for exact.
+Beyond Lin et al., whose observer treats its parameters as exact.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 
 def scatter(model: StringModel) -> Floats:
-    """Square what cells differ in R_e, R_u and R_c, and of the thermocouples' offset; one cell is its own mean."""
+    """Variances of the cells' R_e, R_u and R_c and of the thermocouples' offset; a single cell has no scatter."""
     keys = ("cell_R_e", "cell_R_u", "cell_R_c", "surface_offset_K")
     sd = np.array([model.tolerances.get(k, 0.0) for k in keys])
     if model.cells == 1:
@@ -25,20 +25,20 @@ def root(covariance: Floats) -> Floats:
 
 
 def apart_by(old: StringParameters, new: StringParameters, gain: float) -> tuple[Floats, dict[str, Floats]]:
-    """Tell by how much new numbers of a string are others, in logarithms.
+    """Logarithmic change of a string's parameters, in common and per cell.
 
     Parameters
     ----------
     old, new : StringParameters
     gain : float
-        New over old gain of heat that is given.
+        New over old factor on measured heat.
 
     Returns
     -------
     moved : ndarray (p,)
-        Of `PARAMETERS`, on the mean of the cells.
+        Of `PARAMETERS`, mean of the cells.
     apart : dict of str to ndarray (n,)
-        By symbol, of each cell beyond that mean.
+        By symbol, the change of each cell beyond that mean.
     """
     moved, apart = np.zeros(len(PARAMETERS)), {}
     moved[-1] = np.log(gain)
@@ -51,10 +51,10 @@ def apart_by(old: StringParameters, new: StringParameters, gain: float) -> tuple
 
 
 def own_rise(apart: dict[str, Floats], rise: Floats, over: Floats, gap: Floats) -> Floats:
-    """Tell by how much cores and surfaces (2n,) of cells move whose numbers are `apart`, K.
+    """Change of cores and surfaces (2n,), K, of cells whose parameters change by `apart` (`apart_by`).
 
-    A cell's rise goes with its own heat and resistances: `rise` and `over` are core and surface over their base, `gap`
-    is core less surface (n,).
+    A cell's temperature rise is proportional to its own heat and resistances. `rise` and `over` are core and surface
+    over their base, `gap` is core minus surface (n,).
     """
     moved = np.empty(2 * len(gap))
     moved[0::2] = apart["R_e"] * rise + apart["R_u"] * over + apart["R_c"] * gap
@@ -71,7 +71,7 @@ def as_tolerated(tolerated: Floats, cells: int) -> Floats:
 
 
 def exchanged(covariance: Floats, at: list[int], block: Floats) -> Floats:
-    """Put a `block` (p, p) in at the places `at`, uncorrelated with the others, which keep their variance."""
+    """Replace the rows and columns `at` by `block` (p, p), uncorrelated with the rest; the rest is not changed."""
     out = covariance.copy()
     out[at, :] = 0.0
     out[:, at] = 0.0
@@ -80,18 +80,17 @@ def exchanged(covariance: Floats, at: list[int], block: Floats) -> Floats:
 
 
 def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
-    """Covariance of the logarithms of `PARAMETERS` before anything is identified."""
+    """Covariance of the logarithms of `PARAMETERS` before any identification."""
     sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
     return np.diag(np.square([*sd, heat_rel_sd]))
 
 
 def weights(tolerated: Floats, phi: Floats, phi_sd: Floats) -> Floats:
-    r"""Weights (s, 3, 4) by which squares of levers make the variances that cells add by being unlike.
+    r"""Weights (s, 3, 4) that turn squares of levers into the variances by the scatter of cells.
 
-    Of cores, surfaces and centres, each by the squares of rise, over, gap and lag (`between_cells`), where cells differ
-    by their models' tolerances alone. That of a centre is what core + φ gap makes of them, with
-    :math:`(rise + \varphi gap)^2 = (1 + \varphi) rise^2 - \varphi over^2 + \varphi (1 + \varphi) gap^2`, as rise is
-    over + gap.
+    They are for cores, surfaces and centres, by the squares of rise, over, gap and lag (`between_cells`), where cells
+    differ by their models' tolerances alone. The centre is core + φ gap, with :math:`(rise + \varphi gap)^2 = (1 +
+    \varphi) rise^2 - \varphi over^2 + \varphi (1 + \varphi) gap^2`, because rise = over + gap.
 
     Parameters
     ----------
@@ -112,13 +111,13 @@ def weights(tolerated: Floats, phi: Floats, phi_sd: Floats) -> Floats:
 
 
 def between_cells(levers: Floats, own: Floats, phi: Floats, phi_sd: Floats) -> Floats:
-    """Variance that cells add by being unlike, in the steady proportions, and that φ adds.
+    """Variance from the scatter of cells, in steady-state proportions, and from φ.
 
     Parameters
     ----------
     levers : ndarray (4 or more, s, n), K
-        Temperatures that a cell's own R_e, R_u and R_c stand behind: of its core over its base (rise), of its surface
-        over it (over), between core and surface (gap); and the gap that the profile within the roll has followed (lag).
+        Temperatures on which a cell's R_e, R_u and R_c act: core over base (rise), surface over base (over), core minus
+        surface (gap); and the gap after the delay of the profile within the roll (lag).
     own : ndarray (s, n, 3, 3)
         Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells.
     phi, phi_sd : ndarray (s, 1)
@@ -143,14 +142,14 @@ def between_cells(levers: Floats, own: Floats, phi: Floats, phi_sd: Floats) -> F
 
 
 def of_centre(core: Floats, surface: Floats, both: Floats, phi: Floats | float, phi_sd: Floats | float) -> Floats:
-    """Variance of core + φ (core - surface), K², by those of core and surface and their covariance, and φ's."""
+    """Variance of core + φ (core - surface), K², from those of core, surface and φ, and the covariance `both`."""
     gap = np.maximum(core + surface - 2.0 * both, 0.0)
     plain = (1.0 + phi) ** 2 * core + phi**2 * surface - 2.0 * phi * (1.0 + phi) * both
     return np.asarray(np.maximum(plain, 0.0) + phi_sd**2 * gap)
 
 
 def of_unlike(T_c: Floats, T_s: Floats, base: Floats, scattered: Floats) -> Floats:
-    """Variance (2n,), cores and surfaces in turn, K², that n cells over a `base` (n,) add by a model's tolerances."""
+    """Variances (2n,), core and surface in turn, K², of n cells over a `base` (n,) from a model's tolerances."""
     heat, cooling, inside, offset = scattered
     surface = (T_s - base) ** 2
     var = np.empty(2 * len(T_c))

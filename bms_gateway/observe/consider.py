@@ -1,13 +1,13 @@
 r"""Kalman filter that considers numbers without estimating them: mean, covariance and sensitivities of one string.
 
-The numbers θ, with covariance Σ, keep their values; J = ∂x̂/∂θ is carried (S. F. Schmidt 1966). With the readings'
-covariances U, S for known numbers (late readings as in `kalman`) and their sensitivity G,
+The numbers θ, with covariance Σ, keep their values; J = ∂x̂/∂θ is carried (S. F. Schmidt 1966). U and S are the
+readings' covariances for known numbers (late readings as in `kalman`), and G is their sensitivity:
 
 .. math::
     K = (U + J^- \Sigma G^T)(S + G \Sigma G^T)^{-1}, \qquad J^+ = J^- - K G, \qquad
     P^+ = P^- - K U^T - U K^T + K S K^T
 
-which holds for any gain; this one makes P + J Σ Jᵀ smallest.
+The last equation holds for any gain; this gain makes P + J Σ Jᵀ smallest.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from bms_gateway.thermal import Floats
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What is held of a string.
+    """State of a string with its uncertainty.
 
     Attributes
     ----------
@@ -38,11 +38,11 @@ class Belief:
 
     @property
     def finite(self) -> bool:
-        """Whether everything in it is a number."""
+        """Whether all its values are finite."""
         return bool(np.isfinite(self.z).all() and np.isfinite(self.P).all() and np.isfinite(self.J).all())
 
     def loosened(self, at: Ints, grown: Floats) -> "Belief":
-        """Let the variances of the states `at` grow by so much, K²."""
+        """Increase the variances of the states `at` by `grown`, K²."""
         P = self.P.copy()
         P[at, at] += grown
         return Belief(self.z, P, self.J)
@@ -55,9 +55,9 @@ class Readings:
     Attributes
     ----------
     H, G : ndarray (m, M), (m, p)
-        Their slopes by the state, and by the numbers at a given state.
+        Slopes of the readings by the state, and by the numbers at a given state.
     r, w : ndarray (m,)
-        Readings less predictions, K; their lag as a share of the step.
+        Readings minus predictions, K; lag of the readings as a share of the step.
     sd : float, K
         Noise of a reading.
     """
@@ -70,12 +70,12 @@ class Readings:
 
 
 def conditioned(before: Belief, now: Belief, Phi: Floats, read: Readings, cov: Floats) -> tuple[Belief, Floats]:
-    """Take readings in.
+    """Use readings.
 
     Parameters
     ----------
     before, now : Belief
-        One step ago, and carried to now.
+        One step ago, and predicted for now.
     Phi : ndarray (M, M)
         Transition between them.
     read : Readings
@@ -87,7 +87,7 @@ def conditioned(before: Belief, now: Belief, Phi: Floats, read: Readings, cov: F
     -------
     Belief
     sd : ndarray (m,), K
-        What `read.r` should be, the numbers' uncertainty included.
+        Standard deviation of `read.r`, with the uncertainty of the numbers.
     """
     H, w = read.H, read.w
     v = 1.0 - w

@@ -1,6 +1,6 @@
-"""What the observer of a string with effects takes for its numbers, and how they move the string.
+"""The numbers with which the observer of a string with effects works, and how they move the string.
 
-Beyond Lin et al., whose observer holds its parameters for exact.
+Beyond Lin et al., whose observer treats its parameters as exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,10 +17,11 @@ from bms_gateway.thermal.physics import Memory, Numbers, Physics
 from bms_gateway.thermal.system import System
 
 BLOCK = 10
-"""Steps whose inputs are gathered before the sensitivities feel them: far below the time constant of a core."""
+"""Steps whose inputs are summed before the sensitivities use them: far below the time constant of a core."""
 STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
-"""The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
-within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
+"""The Jacobian is renewed when a temperature, ln(flow) or the time is further than this from where it was taken.
+Within, effects bend too little to change the covariances visibly. The mean does not depend on the Jacobian in a steady
+state."""
 
 
 @dataclass(slots=True)
@@ -32,15 +33,15 @@ class Considered:
     model : StringModel
     physics : Physics
     uncertain : tuple of Uncertain
-        Those p that are not known exactly.
+        The p numbers that are not known exactly.
     cov, root : ndarray (p, p)
         Their covariance, and a root of it.
     values : mapping of symbol to ndarray
-        The string's own, SI, at nominal flow.
+        Numbers of the string itself, SI, at nominal flow.
     now : Numbers
-        All in force.
+        All numbers in force.
     scatter : ndarray (4,)
-        Variances by which cells differ.
+        Variances of the cells' scatter.
     centre : Share
         φ.
     """
@@ -64,7 +65,7 @@ class Considered:
         return cls(model, physics, numbers, cov, root(cov), values, now, scatter(model), centre_share(model))
 
     def exchange(self, values: Mapping[str, float | Floats], names: Sequence[str], covariance: Floats) -> Floats:
-        """Take other values of the string and a covariance of some numbers; how far (p,) the numbers moved."""
+        """Set other values of the string and a covariance of some numbers; return how far (p,) the numbers moved."""
         new = self.values | {k: np.array(x, np.float64) for k, x in values.items() if k in self.values}
         moved = log_change(self.values, new, self.uncertain)
         mine = [u.name for u in self.uncertain]
@@ -74,14 +75,14 @@ class Considered:
         return moved
 
     def take(self, values: dict[str, Floats], cov: Floats) -> None:
-        """Use these values of the string, and this covariance."""
+        """Set these values of the string, and this covariance."""
         self.values, self.now = values, self.physics.numbers(values)
         self.cov, self.root = cov, root(cov)
 
 
 @dataclass(slots=True)
 class Forced:
-    """How the rates of a string move with its uncertain numbers; found anew for each block of steps.
+    """How the rates of a string depend on its uncertain numbers; found anew for each block of steps.
 
     Attributes
     ----------
@@ -90,7 +91,7 @@ class Forced:
     rows, states : ndarray (k, …), (k, M)
         Inputs and states of the steps since the slopes were found.
     carries : mapping
-        The effects' memories at that time; under the name of a number, those with this number moved.
+        The effects' memories at that time; under the name of a number, the memories with this number moved.
     """
 
     F: Floats
@@ -104,7 +105,7 @@ class Forced:
         return cls(np.zeros((states, numbers)), np.zeros((0, len(ROW))), np.zeros((0, states)))
 
     def begin(self) -> None:
-        """Begin with a string that nothing has moved yet."""
+        """Start with a string whose numbers have not moved it yet."""
         self.F, self.carries = np.zeros_like(self.F), {}
         self.drop()
 
@@ -113,14 +114,14 @@ class Forced:
         self.rows, self.states = self.rows[:0], self.states[:0]
 
     def add(self, row: Floats, z: Floats, of: Considered, dt: float) -> None:
-        """Gather a step; find the slopes when a block is full."""
+        """Add a step; find the slopes when a block is full."""
         self.rows, self.states = np.vstack([self.rows, row]), np.vstack([self.states, z])
         if len(self.rows) == BLOCK:
             self.F = self.over(self.rows, self.states, of, dt)
             self.drop()
 
     def over(self, rows: Floats, states: Floats, of: Considered, dt: float) -> Floats:
-        """Mean slope (M, p) over some steps; the moved memories run on."""
+        """Mean slope (M, p) over some steps; the memories with moved numbers are advanced."""
         F, moved = forcing(of.physics, of.now, of.uncertain, drive_of(rows, dt), states, self.carries)
         self.carries |= moved
         return F
@@ -128,7 +129,7 @@ class Forced:
 
 @dataclass(slots=True)
 class Linearised:
-    """Where the Jacobian of a string was taken, and what it is there.
+    """The Jacobian of a string and the point at which it was taken.
 
     Attributes
     ----------
@@ -141,7 +142,7 @@ class Linearised:
     age : int
         Steps since then.
     tangent : Tangent or None
-        None where it must be taken anew.
+        None if it must be taken anew.
     """
 
     at: Floats
@@ -151,7 +152,7 @@ class Linearised:
     tangent: Tangent | None = None
 
     def strayed(self, z: Floats, flow: float, nodes: int) -> bool:
-        """Take one more step; whether the string, whose first `nodes` states are temperatures, is too far from it."""
+        """Count one more step; return whether the string (first `nodes` states: temperatures) is now too far off."""
         self.age += 1
         return (
             self.tangent is None
@@ -161,17 +162,17 @@ class Linearised:
         )
 
     def move(self, z: Floats, row: Floats, memory: Memory) -> None:
-        """Note another place."""
+        """Set another point."""
         self.at, self.row, self.memory, self.age = z, row, dict(memory), 0
 
     def take(self, of: Considered, dt: float, disturbance: Disturbance) -> Tangent:
-        """Take the Jacobian where the notes say."""
+        """Take the Jacobian at the point."""
         system = System(of.physics, drive_of(self.row[None], dt), of.now, self.memory)
         self.tangent = Tangent.of(jacobian(system, self.at, disturbance.correlation), dt, disturbance)
         return self.tangent
 
 
 def slopes_of_readings(read: Floats, moved: Sequence[Floats], of: Considered) -> Floats:
-    """Slopes (n, p) of readings (n,) by the uncertain numbers, from those with each number moved by its step."""
+    """Slopes (n, p) of readings (n,) by the uncertain numbers, from readings with each number moved by its step."""
     slopes = [(m - read) / u.step for m, u in zip(moved, of.uncertain, strict=True)]
-    return np.reshape(slopes, (len(slopes), len(read))).T  # of none, where every number is known exactly
+    return np.reshape(slopes, (len(slopes), len(read))).T  # empty if every number is known exactly

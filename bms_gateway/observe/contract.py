@@ -1,4 +1,4 @@
-"""The verbs that all observers of a gateway share, so that the engine can hold any of them.
+"""The methods that all observers of a gateway share, so that the engine can hold any of them.
 
 In place of Lin et al., Fig 5, where there is one observer.
 """
@@ -12,7 +12,7 @@ from bms_gateway.thermal import Floats, StringParameters
 
 
 class Observer(Protocol):
-    """An observer of S strings with n cells each. What drives it differs, so a step is its own affair."""
+    """An observer of S strings with n cells each. Inputs differ, so each observer has a step method of its own."""
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
@@ -21,15 +21,15 @@ class Observer(Protocol):
 
     @property
     def covariances(self) -> Floats:
-        """Of the states of each string (S, M, M), its numbers taken for true."""
+        """Covariance (S, M, M) of the states of each string if its parameters were exact."""
         ...
 
     def estimate(self) -> Estimate:
-        """Tell where the strings are now, with no innovation; nothing changes."""
+        """Return the present state of the strings, with no innovation; nothing changes."""
         ...
 
     def standing(self) -> Standing:
-        """Tell all that a forecast starts from; nothing changes."""
+        """Return all that a forecast starts from; nothing changes."""
         ...
 
     def set_parameters(
@@ -56,5 +56,5 @@ class Observer(Protocol):
         ...
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Take a state from `snapshot`."""
+        """Set the state from `snapshot`."""
         ...

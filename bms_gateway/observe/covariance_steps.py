@@ -1,10 +1,10 @@
-"""When the covariance takes a step, and when a step is one more of the same kind.
+"""When the covariance makes a step, and when a step repeats the last one.
 
-After a change every step is computed; later the covariance goes in strides (`strides`) that grow with the time since
-the change, and with calm: a stride over which hardly anything has moved counts as twice that time. Between strides gain
-and covariance stand still, and whoever knows how long need not look.
+After a change every step is computed. Later the covariance advances in strides (`strides`). Strides grow with the time
+since the change; a stride over which hardly anything has moved counts as twice that time. Gain and covariance are
+constant within a stride, so a caller who knows its length need not check every step.
 
-Beyond Lin et al., whose observer has one gain for ever.
+Beyond Lin et al., whose observer has one constant gain.
 """
 
 from dataclasses import dataclass
@@ -15,38 +15,40 @@ from bms_gateway.observe.model import OFFSETS, Bools, Ints
 from bms_gateway.thermal import Floats
 
 EVERY = 256
-"""Steps after a change that are all computed; before, strides would hardly be cheaper."""
+"""Steps after a change that are all computed: strides would hardly be cheaper there."""
 SHARE = 64
-"""Strides are powers of two, from this share of the time since the last change to twice as much."""
+"""Strides are powers of two, from this share of the time since the last change to twice this share."""
 STILL, SETTLED = 0.01, 1024
-"""Share that no variance has moved by over a stride, from which that stride counts twice, and the steps since a change
-from which that is believed: the next stride then moves a band by a per cent, as growing strides alone would."""
+"""A stride counts twice if no variance has moved by more than this share over it, and at least this many steps have
+passed since a change. The next stride then moves a band by a per cent, as growing strides alone would."""
 LONGEST = 2**40
-"""Steps that the time since a change may come to by counting twice."""
+"""Upper limit of the counted steps since a change."""
 READ_WITHIN = 60.0
-"""s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
+"""s for which a reading represents its surface: covers thermocouples that take turns, and many fast time constants (9
+s)."""
 LAG_STEPS = 4
-"""The covariance sees lags in quarters of a step: jitter of the bus then does not make another filter."""
+"""The covariance sees lags in quarters of a step, so that jitter of the bus does not make another filter."""
 LAG_HOLD = 0.2
-"""A quarter is kept until the lag is further from it than this: more than half a quarter, so that it cannot flap."""
+"""A quarter is kept until the lag differs from it by more than this: more than half a quarter, so it cannot
+oscillate."""
 
 
 def due(held: Ints, since: Ints) -> Bools:
-    """Whether the covariance takes this step: after a change at once, later when a stride is full.
+    """Whether the covariance makes this step: every step after a change, later when a stride is full.
 
     Parameters
     ----------
     held : ndarray of int (S,)
-        Steps since the last change, this one included.
+        Steps since the last change, including this one.
     since : ndarray of int (S,)
-        Steps that the covariance has not made yet, this one not among them.
+        Steps that the covariance has not made yet, without this one.
     """
     full = (since & (since - 1) == 0) & (SHARE * since >= held)
     return np.asarray((held <= EVERY) | full, dtype=np.bool_)
 
 
 def steps_left(held: Ints, since: Ints) -> Ints:
-    """Count the steps (S,) after which the next one is `due`, if nothing changes.
+    """Count the steps (S,) until a step is `due` again, if nothing changes.
 
     Examples
     --------
@@ -60,7 +62,7 @@ def steps_left(held: Ints, since: Ints) -> Ints:
 
 
 def stilled(held: Ints, before: Floats, after: Floats) -> Ints:
-    """Let strides over which no variance has moved count twice.
+    """Count strides twice over which no variance has moved.
 
     Parameters
     ----------
@@ -75,9 +77,9 @@ def stilled(held: Ints, before: Floats, after: Floats) -> Ints:
 
 @dataclass(slots=True)
 class Calm:
-    """What the newest step was like, and how many more of its kind move no covariance.
+    """Kind of the newest step, and how many more steps of this kind leave the covariance unchanged.
 
-    It holds nothing that the state does not tell: without it the same numbers are found the longer way.
+    It is only a shortcut: without it, the same numbers are found from the state.
     """
 
     held: Ints | None = None
@@ -89,7 +91,7 @@ class Calm:
     left: int = 0
 
     def goes_on(self, held: Ints, since: Ints, there: Bools, known: Bools, lag: Floats) -> bool:
-        """Whether a step from the noted state, with these readings, is one more of the same."""
+        """Whether a step from the noted state, with these readings, is of the same kind."""
         return (
             self.left > 0
             and self.held is held
@@ -101,15 +103,15 @@ class Calm:
         )
 
     def knew(self, held: Ints, known: Bools) -> bool:
-        """Whether the noted step, if these are its counts, had the same inputs measured: none of them is back."""
+        """Whether the noted step has these counts and had the same inputs, so that no input is measured again."""
         return self.held is held and self.known == known.tobytes()
 
     def passed(self, held: Ints, since: Ints) -> None:
-        """Note one more of the same, which led to these counts."""
+        """Note one more step of the same kind, which led to these counts."""
         self.held, self.since, self.left = held, since, self.left - 1
 
     def begin(self, held: Ints, since: Ints, there: Bools, known: Bools, pattern: Ints) -> None:
-        """Note a step of another kind, which led to these counts and this pattern; `sd` is then to be set."""
+        """Note a step of another kind, which led to these counts and this pattern; the caller then sets `sd`."""
         self.held, self.since, self.there, self.known = held, since, there.tobytes(), known.tobytes()
         self.w = np.where(there, pattern[:, :-OFFSETS], 0) / LAG_STEPS
         self.left = int(steps_left(held, since).min())

@@ -1,6 +1,6 @@
-"""What a string with effects is driven by, step by step: what is missing filled in, charge and time counted.
+"""Inputs of a string with effects, step by step: missing inputs are replaced, charge and time are counted.
 
-The inputs of Lin et al., Eq 11-13, and those that effects of the catalogue ask for.
+The inputs of Lin et al., Eq 11-13, and those that effects of the catalogue need.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from bms_gateway.observe.unseen import Usual, faded
 from bms_gateway.thermal import Floats
 
 DRIFT_HOURS = 4.0
-"""Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
+"""Drifts are learnt on records of some hours. After that time they stay constant, because their course is not known."""
 
 
 class Inputs:
@@ -29,16 +29,16 @@ class Inputs:
     soc : float
         State of charge from which counting starts.
     capacity_Ah : float or None
-        Of a cell; None: charge is not counted.
+        Of a cell; None: no charge counting.
     dt, correlation : float, s
-        Step, and how long a mean of the current stands for.
+        Step, and time over which the current stays correlated.
 
     Attributes
     ----------
     inlet, flow, soc, hours : float
         Newest coolant inlet [°C], flow over nominal flow, state of charge, and age of drifts [h].
     usual : Usual
-        Current [A], its square and its magnitude in the last minutes.
+        Mean current [A], its square and its magnitude in the last minutes.
     known : ndarray of bool (2,)
         Whether inlet and current were measured in the newest step.
     row : ndarray (9,)
@@ -54,19 +54,19 @@ class Inputs:
 
     @staticmethod
     def measured(m: Measured) -> Bools:
-        """Tell whether inlet and current are measured."""
+        """Return whether inlet and current are measured."""
         return np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
 
     def begin(self, inlet: float) -> None:
-        """Start with that inlet, °C, as if it and the current had been measured before."""
+        """Start with this inlet, °C, as if inlet and current had been measured before."""
         self.inlet, self.known = inlet, np.ones(OFFSETS, np.bool_)
 
     def take(self, m: Measured) -> Floats:
-        """Means of a step as a row (9,): what is missing is as it was, or usually is."""
+        """Means of a step as a row (9,); a missing input has its last value, a missing current its usual value."""
         known = self.measured(m)
         inlet0, self.inlet = self.inlet, m.inlet if known[0] else self.inlet
         if not self.known[0]:
-            inlet0 = self.inlet  # no ramp from a value that was only held
+            inlet0 = self.inlet  # no ramp that starts from a held value
         current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self.usual.mean[0]
         self.usual = self.usual.after(current[None], faded(self._dt, self._correlation), bool(known[1]))
         if isfinite(m.flow):
@@ -85,16 +85,16 @@ class Inputs:
         return self.row
 
     def aged(self, hours: float) -> float:
-        """Let drifts grow older, and tell how old they are, h."""
+        """Add to the age of drifts, and return it, h."""
         self.hours = min(self.hours + hours, DRIFT_HOURS)
         return self.hours
 
     def grown(self, flow: float) -> float:
-        """Logarithm of a flow over the newest one; 0 where it is not known."""
+        """Logarithm of a flow over the newest one; 0 if the flow is not known."""
         return log(float(np.clip(flow, *FLOW_LIMITS)) / self.flow) if isfinite(flow) else 0.0
 
     def rest(self, inlet: float, flow: float, share: float, hours: float) -> Floats:
-        """Row (9,) of some `hours` of rest in a gap, `share` of it on the way to inlet, °C, and flow of its end."""
+        """Row (9,) of some `hours` of rest in a gap; inlet, °C, and flow are at `share` of the way to their end."""
         row = self.row.copy()
         row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
         row[ROW.index("T_in")] = self.inlet + (inlet - self.inlet) * share
@@ -103,7 +103,7 @@ class Inputs:
         return row
 
     def resume(self, inlet: float, flow: float, row: Floats, gap_s: float, *, unseen: bool) -> None:
-        """Go on after a gap of `gap_s` with the inlet, °C, and flow of its end, and the `row` of its last rest."""
+        """Continue after a gap of `gap_s` with inlet, °C, and flow at its end, and the last `row` of rest."""
         self.flow *= exp(self.grown(flow))
         self.inlet, self.row, self.known = inlet, row, np.array([False, not unseen])
         self.usual = self.usual.aged(faded(gap_s, self._correlation))
@@ -113,12 +113,12 @@ class Inputs:
         return {k: plain(np.asarray(getattr(self, k))) for k in (*_NUMBERS, *_ARRAYS)} | self.usual.snapshot()
 
     def restored(self, own: Mapping[str, Any]) -> "Inputs":
-        """Return those of a string like this one, as `snapshot` told of them.
+        """Return inputs like these with the values of a `snapshot`.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            Something is missing, of another shape, or is no number.
+            A value is missing, has another shape, or is not a number.
         """
         new = Inputs(self.soc, self._capacity_Ah, self._dt, self._correlation)
         for k in _NUMBERS:

@@ -1,10 +1,10 @@
 """The observer of a string whose model holds effects of the catalogue, linear or not.
 
-The mean runs by the string's own balances, the ones that the offline simulation and fit use; the covariance runs by
-their Jacobian (`tangent`), renewed when the string has moved away from where it was taken. What the model states as
-uncertain, its parameters and those of the effects, is considered and not estimated (`consider`): the stated variance
-is that of the filter with all numbers known, and what their covariance adds through the sensitivities that are carried
-along, and what cells differ by the model's tolerances.
+The mean follows the balances of the string, which the offline simulation and fit use too. The covariance follows their
+Jacobian (`tangent`), renewed when the string has moved away from the point at which it was taken. What the model states
+as uncertain, its parameters and those of the effects, is considered and not estimated (`consider`). The stated variance
+is the sum of three parts: the filter with all numbers known, their covariance through the sensitivities, and the
+scatter of the cells by the model's tolerances.
 
 In place of Lin et al., Eq 11-12, where a model has effects that the paper lacks.
 """
@@ -38,13 +38,13 @@ from bms_gateway.thermal.physics import Memory, Numbers
 from bms_gateway.thermal.system import System
 
 COLDEST, HOTTEST = -100.0, 400.0
-"""°C: a model that runs away is held there, and goes on being corrected by the readings."""
+"""°C: limit for a model that runs away; the readings go on correcting it."""
 FLOW_UNSEEN = 0.1
-"""Logarithm of the flow: how far it may have been from what it went between while nobody looked."""
+"""ln of the flow: sd about the line between the values before and after a time in which it was not read."""
 LITTLE = 0.01
-"""Step of ln(flow) for a slope."""
+"""Step of ln(flow) for a finite difference."""
 REST_SD = 0.1
-"""K: an effect's own states at the start, about their balance with core and surface."""
+"""K: sd of an effect's own states at the start, about their balance with core and surface."""
 
 
 class EffectObserver:
@@ -98,12 +98,12 @@ class EffectObserver:
         self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
         self._carry: dict[str, Floats] = {}
         self._line = Linearised(np.zeros(M), self._inputs.row)
-        # for a step that knows where inlet and flow have gone: state, length, whether current may have flowed
+        # inputs of the next step are needed: state before the gap, length, whether current may have flowed
         self._before_gap: tuple[dict[str, Any], float, bool] | None = None
 
     @property
     def uncertain(self) -> tuple[Uncertain, ...]:
-        """Numbers that are not known exactly."""
+        """Numbers of the model that are not known exactly."""
         return self._of.uncertain
 
     @property
@@ -113,22 +113,27 @@ class EffectObserver:
 
     @property
     def covariances(self) -> Floats:
-        """Of the string's temperatures, the effects' states and the offsets (1, M, M), its numbers taken for true."""
+        """Covariance (1, M, M) of temperatures, states of the effects and offsets if the parameters were exact."""
         return self.belief.P[None]
 
     @property
     def effect_numbers(self) -> list[EffectNumber]:
-        """Numbers of the effects in force."""
+        """Numbers of the effects that are in force."""
         return effect_numbers(self._of.model, self._of.now, self.uncertain, self._of.cov)
 
     @property
+    def soc(self) -> float:
+        """State of charge, 0 to 1, counted from the last measured value."""
+        return self._inputs.soc
+
+    @property
     def read(self) -> Floats:
-        """What a thermocouple on each cell (n,) would read at the newest step, °C."""
+        """Temperature that a thermocouple on each cell (n,) would read at the newest step, °C."""
         return self._seen
 
     @property
     def effective(self) -> tuple[float, float]:
-        """Mean square current that would make the last step's heat by R_e, A², and what effects add to the inlet, K."""
+        """Mean square current, A², that would make the last step's heat by R_e; what effects add to the inlet, K."""
         return self._effective
 
     @property
@@ -136,7 +141,7 @@ class EffectObserver:
         return float(self._inputs.usual.mean[0, 1] * np.mean(self._of.now.string.R_e))
 
     def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
-        """Advance one step and take the readings in.
+        """Advance one step and use the readings.
 
         Parameters
         ----------
@@ -175,7 +180,7 @@ class EffectObserver:
             read = Readings(tangent.H[at], self._G[at], r[0, at], w, self._disturbance.sensor)
             after, r_sd[0, at] = conditioned(before, now, tangent.Phi, read, self._of.cov)
         self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
-        if not after.finite:  # no number of the model leads here but a senseless one: begin anew
+        if not after.finite:  # only a senseless number of the model leads here: begin anew
             self._available = np.array(False)
             return self.estimate()
         self.belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
@@ -185,7 +190,7 @@ class EffectObserver:
         return self._estimate(r, r_sd)
 
     def _widen(self, now: Belief, y: Floats, r: Floats, r_sd: Floats) -> None:
-        """Let the variances of the cores grow by what the readings were odd by; see `innovation_check`."""
+        """Increase the variances of the cores where readings are odd; see `innovation_check`."""
         k = self._sensors
         sd = np.sqrt(now.P[2 * k + 1, 2 * k + 1] + self._disturbance.sensor**2)[None]
         inputs = self._inputs.known[None], np.array([self._inputs.inlet])
@@ -195,11 +200,11 @@ class EffectObserver:
             self.belief = self.belief.loosened(2 * k, grown[0])
 
     def estimate(self) -> Estimate:
-        """Tell where the string is now, with no innovation; nothing changes."""
+        """Return the present state of the string, with no innovation; nothing changes."""
         return self._estimate(*np.full((2, 1, self._of.model.cells), nan))
 
     def standing(self) -> EffectStanding:
-        """Tell all that a forecast starts from."""
+        """Return all that a forecast starts from."""
         b, i, there = self.belief, self._inputs, self._available.reshape(1)
         now = b.z[None], b.P[None], b.J[None], self._of.root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
         unlike = unlike_of(b, self._coolant, self._of.scatter, self._of.centre)
@@ -216,9 +221,9 @@ class EffectObserver:
         covariance: Floats,
         own: Floats | None = None,
     ) -> None:
-        """Take identified parameters into use; see `AdaptiveObserver.set_parameters`.
+        """Use identified parameters; see `AdaptiveObserver.set_parameters`.
 
-        `s` is 0; `own` and the gain of a given heat are nothing to a string with effects.
+        `s` is 0. A string with effects ignores `own` and the factor on measured heat.
         """
         del s, own
         moved = self._of.exchange(values, names, covariance)
@@ -238,7 +243,7 @@ class EffectObserver:
         return self._carried(gap_s, unseen, last, nan)
 
     def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
-        """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
+        """Carry the string over a gap with this inlet, °C, and flow at its end (NaN: unchanged)."""
         b, usual = self.belief, self._usual_heat
         if unseen:
             self.belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
@@ -263,7 +268,7 @@ class EffectObserver:
         return self.estimate()
 
     def propagate_unknown(self) -> None:
-        """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
+        """Carry the string over a time of unknown length; the memories of effects are set to those of rest."""
         was, inputs = self.belief, copy(self._inputs)
         self.propagate(JUST_LEFT_S, unseen=True)
         a = self.belief
@@ -289,16 +294,16 @@ class EffectObserver:
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from `snapshot` as if never stopped, bit for bit.
+        """Continue from `snapshot`, bit for bit as if the observer had never stopped.
 
         Raises
         ------
         StateError
-            It belongs to another string, something is missing in it, or it holds no numbers.
+            It belongs to another string, is incomplete, or holds values that are not numbers.
         """
         try:
             belief = Belief(*(like(snapshot["belief"][k], getattr(self.belief, k)) for k in ("z", "P", "J")))
-            stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of before there were centres
+            stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of older versions have no lag
             own = {k: like(stored[k], np.asarray(v)) for k, v in self._kept().items()}
             inputs = self._inputs.restored(snapshot["own"])
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
@@ -325,7 +330,7 @@ class EffectObserver:
             self._linearise()
 
     def _kept(self) -> dict[str, Any]:
-        """List what a snapshot holds beside inputs, belief, memories and the steps that wait."""
+        """List what a snapshot holds besides inputs, belief, memories and waiting steps."""
         return {
             "age": self._line.age,
             "cov": self._of.cov,
@@ -341,7 +346,7 @@ class EffectObserver:
         }
 
     def _begin(self, m: Measured, y: Floats) -> bool:
-        """Start when something is heard for the first time."""
+        """Start when the first inlet or reading comes."""
         heard = y[np.isfinite(y)]
         if not len(heard) and not isfinite(m.inlet):
             return False
@@ -368,7 +373,7 @@ class EffectObserver:
         return self._of.physics.memory(drive_of(row[None], dt), self._of.now, self._carry or None)
 
     def _remember(self, row: Floats) -> Memory:
-        """Run the effects' memories on; one that cannot follow what is missing stays as it was."""
+        """Advance the memories of the effects; a memory whose inputs are missing stays as it was."""
         memory, carry = self._memory(row, self._dt)
         if not all(np.isfinite(a).all() for a in (*memory.values(), *carry.values())):
             still = row.copy()
@@ -382,7 +387,7 @@ class EffectObserver:
     def _predict(self, before: Belief, row: Floats, memory: Memory) -> tuple[Belief, Tangent]:
         rate = self._rates(before.z, row, memory)
         sure = bool(np.isfinite(rate).all())
-        if not sure:  # an effect that cannot tell without what is missing: the string stands, and heat is unknown
+        if not sure:  # an effect lacks an input: the state is kept, and heat is unknown
             rate = np.zeros_like(rate)
         tangent = self._linear(before.z, row, memory)
         z = before.z + tangent.Gamma @ rate
@@ -393,7 +398,7 @@ class EffectObserver:
         return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._forced.F), tangent
 
     def _rates(self, z: Floats, row: Floats, memory: Memory, dt: float | None = None) -> Floats:
-        """Rates (M,) of the whole state; notes the coolant on the way."""
+        """Rates (M,) of the whole state; also stores the coolant temperatures."""
         v = disturbed(self._of.now, z[-OFFSETS:])
         point = self._of.physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
         if np.isfinite(point.T_f).all():
@@ -408,7 +413,7 @@ class EffectObserver:
         return np.where(np.isfinite(seen), seen, z[1 : 2 * self._of.model.cells : 2])
 
     def _linear(self, z: Floats, row: Floats, memory: Memory) -> Tangent:
-        """Tangent in force; taken anew where it is out of date."""
+        """Tangent in force; taken anew if it is out of date."""
         line = self._line
         if line.strayed(z, row[ROW.index("flow")], 2 * self._of.model.cells) or line.tangent is None:
             line.move(z, np.concatenate([self._inputs.usual.mean[0], row[3:]]), memory)
@@ -416,7 +421,7 @@ class EffectObserver:
         return line.tangent
 
     def _linearise(self) -> Tangent:
-        """Take Jacobian and slopes where the notes say."""
+        """Take Jacobian and slopes at the stored point."""
         line, of = self._line, self._of
         if of.physics.reads:
             here = self._readings(line.at, line.row, line.memory)
@@ -425,9 +430,9 @@ class EffectObserver:
         return line.take(of, self._dt, self._disturbance)
 
     def _rest(self, row: Floats, h: float, phases: float, disturbance: Disturbance, g: Floats) -> Floats:
-        """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s.
+        """Carry the string over `h` seconds of rest, or of heat with only its intensity `phases` known, W²s.
 
-        Carries along how it moves with the logarithm of the flow in the gap, `g` (M,), and returns that.
+        The slope of the state by the ln of the flow in the gap, `g` (M,), is carried along and returned.
         """
         self._forced.carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
@@ -460,7 +465,7 @@ class EffectObserver:
         return Estimate(core, sd[0], surface, sd[1], *centre, e, there)
 
     def _follow(self, elapsed_s: float) -> None:
-        """Let the profiles within the rolls follow the difference between their means and their surfaces."""
+        """Advance the profiles within the rolls towards the present difference core to surface."""
         string = self._of.now.string
         tau = time_constant(self._of.centre.value, string.R_c, string.C_c)
         self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self.belief.z) - self._lag)

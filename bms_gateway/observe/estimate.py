@@ -1,4 +1,4 @@
-"""What observers say of strings at one instant: temperatures, how far off they may be, and what surprised them.
+"""Estimates of strings at one instant: temperatures, their standard deviations, and the innovations.
 
 The states of Lin et al., Eq 11 and 18, with bands that the paper does not give.
 """
@@ -14,12 +14,12 @@ from bms_gateway.thermal import Floats
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Of what S strings were predicted to read on m sensors each.
+    """Innovations of S strings with m sensors each.
 
     Attributes
     ----------
     value, sd : ndarray (S, m), K
-        Reading less prediction, NaN without a reading; what it should be, parameters included.
+        Reading minus prediction, NaN without a reading; its standard deviation, including that of the parameters.
     on_cells : callable
         Gives values (S, m) of the sensors to their cells (S, n); NaN for cells without one.
     """
@@ -29,7 +29,7 @@ class Errors:
     on_cells: Callable[[Floats], Floats]
 
     def mean_square(self) -> Floats:
-        """Mean (S,) over each string's readings of the square in units of its variance; NaN without a reading."""
+        """Mean (S,) of the squared innovations of each string over their variances; NaN without a reading."""
         z = self.value / self.sd
         there = z == z
         if there.all():
@@ -46,9 +46,9 @@ class Estimate:
     Attributes
     ----------
     core, surface : ndarray (S, n), °C
-        NaN where nothing is known yet.
+        NaN if nothing is known yet.
     core_sd, surface_sd : ndarray (S, n), K
-        Standard deviations, parameters included; infinite where nothing is known yet.
+        Standard deviations, including the parameters' part; infinite if nothing is known yet.
     centre, centre_sd : ndarray (S, n), °C, K
         Hottest point of each cell (`thermal.centre`), never below core or surface.
     errors : Errors
@@ -67,10 +67,10 @@ class Estimate:
 
     @property
     def innovation(self) -> Floats:
-        """Reading less prediction (S, n), K; NaN for cells without a reading."""
+        """Reading minus prediction (S, n), K; NaN for cells without a reading."""
         return self.errors.on_cells(self.errors.value)
 
     @property
     def innovation_sd(self) -> Floats:
-        """What it should be (S, n), K, parameters included."""
+        """Standard deviation of the innovation (S, n), K, including the parameters' part."""
         return self.errors.on_cells(self.errors.sd)

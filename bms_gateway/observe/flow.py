@@ -1,4 +1,4 @@
-"""Flow of the coolant in steps: matrices are made anew when it has moved enough to matter.
+"""Flow of the coolant in steps: matrices are made anew when the flow has moved enough to matter.
 
 C_f is proportional to the flow (`thermal.StringParameters.with_flow_ratio`); beyond Lin et al., whose flow is constant.
 """
@@ -9,13 +9,13 @@ from bms_gateway.observe.model import Bools, Ints, usable
 from bms_gateway.thermal import Floats, StringParameters
 
 FLOW_GRID = 0.03
-"""Step of ln(flow ratio) between discretisations: C_f then is off by 2 % at most, less than it is known."""
+"""Step of ln(flow ratio) between discretisations: C_f is then off by 2 % at most, less than its uncertainty."""
 FLOW_LIMITS = (0.02, 50.0)
-"""Flow ratios beyond are taken for these: a stopped fan still leaves draught."""
+"""Flow ratios are limited to this range: some air still moves when the fan has stopped."""
 
 
 def flow_levels(ratio: Floats, level: Ints) -> tuple[Ints, Bools]:
-    """Tell the levels (S,) of strings whose flow over nominal is `ratio`, NaN keeps the last, and which have moved."""
+    """Levels (S,) of strings whose flow over nominal is `ratio` (NaN: the last one), and which levels have moved."""
     fine = np.where(np.isfinite(ratio), np.clip(ratio, *FLOW_LIMITS), 1.0)
     grid = np.log(fine) / FLOW_GRID
     moved = np.isfinite(ratio) & (np.abs(grid - level) > 0.75)
@@ -23,5 +23,5 @@ def flow_levels(ratio: Floats, level: Ints) -> tuple[Ints, Bools]:
 
 
 def at_level(p: StringParameters, level: int) -> StringParameters:
-    """Give the numbers of a string at a level of its flow."""
+    """Return the numbers of a string at a level of its flow."""
     return usable(p.with_flow_ratio(float(np.exp(FLOW_GRID * level)))) if level else p

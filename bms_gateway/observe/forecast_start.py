@@ -1,6 +1,6 @@
-"""What a forecast starts from: where strings stand by their observer, and what is known of the time ahead.
+"""What a forecast starts from: the observer's present state of the strings, and the assumptions about the time ahead.
 
-Beyond Lin et al., whose observer tells of now.
+Beyond Lin et al., whose observer estimates only the present.
 """
 
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from bms_gateway.thermal import Disturbance, Floats, StringParameters
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """State of S strings as an observer holds it; nobody changes these arrays afterwards.
+    """State of S strings as an observer holds it; these arrays are never changed.
 
     Attributes
     ----------
     x, P, J : ndarray (S, M), (S, M, M), (S, M, p)
-        Temperatures and offsets, their covariance with the numbers taken for true, sensitivities to these.
+        Temperatures and offsets; their covariance if the parameters were exact; sensitivities to the parameters.
     root : ndarray (S, p, p)
         F with F Fᵀ the covariance of the numbers.
     parameters : tuple of StringParameters
         At nominal flow.
     level : ndarray of int (S,)
-        Of the flow (`flow`).
+        Level of the flow (`flow`).
     gain : ndarray (S,)
-        Of heat that is given.
+        Factor on measured heat.
     inlet : ndarray (S,), °C
-        Newest that was measured.
+        Newest measured value.
     lag : ndarray (S, n), K
-        Difference core to surface as the profiles within the rolls have followed it.
+        Difference core to surface after the delay of the profiles within the rolls.
     unlike : Unlike
     available : ndarray of bool (S,)
     disturbance : Disturbance
@@ -51,22 +51,22 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Coming:
-    """What is taken for the time ahead of S strings of n cells.
+    """Assumptions about the time ahead of S strings of n cells.
 
     Attributes
     ----------
     heat_per_square : ndarray (S,), W/A²
-        Of a mean cell, where its voltage has told it; NaN for R_e.
+        Heat of a mean cell by its voltage, where measured; NaN: R_e.
     inlet_sd : ndarray (H, S), K
-        By how much the inlet will be off that of now.
+        Standard deviation of the coming change of the inlet.
     heat, heat_sd : ndarray (S, n), W
-        Of each cell that no current makes.
+        Heat of each cell that no current makes.
     shift, shift_sd : ndarray (S, n), K
-        By how much cores are warmer than the observer holds, and how much less sure.
+        Amount by which cores are warmer than the observer's estimate, and its standard deviation.
     doubt : ndarray (S, 1)
-        Share of the difference core to surface that may be wrong beyond all else.
+        Share of the difference core to surface that may be wrong in addition.
     current : ndarray (S,), A
-        Mean of now; only its sign counts.
+        Present mean; only its sign counts.
     """
 
     heat_per_square: Floats

@@ -1,19 +1,20 @@
-r"""A time without frames in steps, the heat of a drive that nobody saw in it, and an input that is measured again.
+r"""A time without frames, in steps: the heat of an unseen drive in it, and inputs that are measured again after it.
 
-The heat of a drive comes in phases of a minute or two, and what the last of them left in the cores has not reached the
-surfaces yet: after ten minutes unseen a surface tells the mean of the heat and not where the core is. An offset that
-goes on for ten minutes cannot say this, as it binds the core to the surface. With σ the standard deviation of a
-minute's heat and τ the length of a phase, the heat that has gathered :math:`s` seconds after it was last seen varies by
+The heat of a drive comes in phases of a minute or two. The heat of the last phase has warmed the cores but has not
+reached the surfaces yet. After ten minutes unseen, a surface therefore shows the mean of the heat and not the
+temperature of the core. A constant offset of ten minutes cannot describe this, because it binds the core to the
+surface. σ is the standard deviation of a minute's heat and τ the length of a phase. The variance of the heat gathered
+:math:`s` seconds after the last frame grows by
 
 .. math::
 
     \frac{d}{ds} \operatorname{var} \int_0^s (q - \bar q) \, dt = 2 \tau \sigma^2 (1 - e^{-s/\tau})^2
 
-as of a first-order process that starts where it was seen; it acts on the cores as white noise of that intensity. How
-likely the drive still goes on dies away with the correlation time of heat errors, as in `unseen`.
+like that of a first-order process that starts at a known value. It acts on the cores as white noise of that intensity.
+The probability that the drive still goes on decays with the correlation time of heat errors, as in `unseen`.
 
-An inlet that was held is measured again at the end, and tells where it has gone. Surfaces have followed it: its offset
-is corrected, not forgotten (`found_again`).
+An inlet whose last value was held is measured again at the end of the gap. The surfaces have followed the true inlet:
+its offset is corrected, not discarded (`found_again`).
 """
 
 from collections.abc import Iterator
@@ -28,15 +29,15 @@ from bms_gateway.observe.unseen import at_work, spread
 from bms_gateway.thermal import Disturbance, Floats, gathered_noise
 
 FIRST_STEP_S, GROWTH, LAST_STEP_S = 5.0, 1.5, 20.0
-"""First step over a gap and how each next one grows, for a string at rest moves ever more slowly; the last one is short
-again, that surfaces and their sensitivities are those of the end."""
+"""First step over a gap, and growth of each next step: a string at rest moves ever more slowly. The last step is short
+again, so that surfaces and their sensitivities are those of the end."""
 STEEP_SHARE = 120.0
-"""Where the balances bend within a kelvin, a step is the first one or this share of the time before it: a longer one
-would leap over what melts."""
+"""Where the balances bend within a kelvin, a step is at most the first one or this share of the time before it: a
+longer step would pass over a melting point."""
 PHASE_S = 60.0
 PHASE = 1.0
-"""Standard deviation of a minute's heat, as a share of its mean over ten: 0.7 to 1.0 in drive cycles of roads. After
-a calm stretch the heat of a cell at work is to be reckoned with nevertheless."""
+"""Standard deviation of a minute's heat, as a share of its mean over ten minutes: 0.7 to 1.0 in drive cycles of roads.
+After a calm stretch, the heat of a cell at work is assumed nevertheless."""
 
 
 def steps(gap_s: float, *, steep: bool = False) -> Iterator[tuple[float, float]]:
@@ -62,12 +63,12 @@ def steps(gap_s: float, *, steep: bool = False) -> Iterator[tuple[float, float]]
 
 
 def phases(since_s: float, usual: float, disturbance: Disturbance) -> float:
-    """Intensity of the heat of phases that nobody saw, W²s.
+    """Intensity of the heat of unseen phases, W²s.
 
     Parameters
     ----------
     since_s : float, s
-        How long nobody has looked.
+        Time since the last frame.
     usual : float, W
         Mean heat of a cell in the minutes before.
     disturbance : Disturbance
@@ -82,14 +83,14 @@ def phases(since_s: float, usual: float, disturbance: Disturbance) -> float:
 
 
 def unseen_heat(A: Floats, intensity: float, dt: float) -> tuple[Floats, Floats]:
-    """Transition by `A` (M, M), and what the offset's heat leaves after `dt` s if it is white, `intensity` in W²s."""
+    """Transition by `A` (M, M), and covariance after `dt` s of white heat on the cores, `intensity` in W²s."""
     acts = A[:, -1].copy()
     acts[-1] = 0.0
     return gathered_noise(A, intensity * acts[:, None] * acts, dt)
 
 
 def unseen_phases(A: Floats, gap_s: float, usual: float, disturbance: Disturbance) -> Floats:
-    """Covariance (M, M) that the phases of a drive leave after a gap, in a string with the rates `A` (M, M), 1/s."""
+    """Covariance (M, M) from the phases of a drive after a gap, in a string with the rates `A` (M, M), 1/s."""
     P = np.zeros_like(A)
     for done, h in steps(gap_s):
         Phi, more = unseen_heat(A, phases(done + h / 2.0, usual, disturbance), h)
@@ -98,19 +99,19 @@ def unseen_phases(A: Floats, gap_s: float, usual: float, disturbance: Disturbanc
 
 
 def strayed(disturbance: Disturbance, moved: float, gap_s: float) -> Disturbance:
-    """Widen what is not known of an inlet that went by `moved` K in a gap: slowly perhaps, or at any moment.
+    """Widen the uncertainty of an inlet that moved by `moved` K in a gap, slowly or at any moment.
 
-    Halfway along a straight line a step at an unknown time leaves D²/4, as white noise of D²/T does between its ends.
+    Halfway along a straight line, a step at an unknown time leaves D²/4, as white noise of D²/T between its ends does.
     """
     jump = moved * sqrt(disturbance.correlation / (2.0 * gap_s))
     return replace(disturbance, inlet_unknown=hypot(disturbance.inlet_unknown, jump))
 
 
 def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Belief:
-    """Take in where an input has gone while it was not measured and its last value was held.
+    """Correct for an input that changed while it was not measured and its last value was held.
 
-    The surfaces have followed it, so it is a reading like theirs. Were its offset only forgotten, surfaces would be
-    held for as uncertain as it was, and would tell little of the cores until they had settled about the new value.
+    The surfaces have followed it, so the new value is a reading like theirs. If its offset were only discarded, the
+    surfaces would count as uncertain as the input was, and would say little about the cores until they had settled.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Bel
     at : int
         Index of the input's offset.
     moved : float, K
-        Measured value less the one held.
+        Measured value minus the held one.
     cov : ndarray (p, p)
         Of the numbers considered.
     sd : float, K
@@ -145,16 +146,16 @@ def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Bel
 
 
 def resumed(b: Belief, back: Bools, moved: float, cov: Floats, disturbance: Disturbance) -> Belief:
-    """Take in inputs that are measured again.
+    """Use the news that inputs are measured again.
 
     Parameters
     ----------
     b : Belief
         Offsets last.
     back : ndarray of bool (2,)
-        Whether these are the inlet, and the current.
+        Whether inlet and current are measured again.
     moved : float, K
-        Measured inlet less the one held; of no account unless the inlet is back.
+        Measured inlet minus the held one; ignored unless the inlet is measured again.
     cov : ndarray (p, p)
         Of the numbers considered.
     disturbance : Disturbance
@@ -162,7 +163,8 @@ def resumed(b: Belief, back: Bools, moved: float, cov: Floats, disturbance: Dist
     Returns
     -------
     Belief
-        The offset of the inlet about its new value; that of heat starts anew, as it belongs to its measurement.
+        The offset of the inlet is about its new value; the offset of heat starts anew, as it belongs to its
+        measurement.
     """
     if back[0]:
         b = found_again(b, -OFFSETS, moved, cov, disturbance.inlet)
@@ -170,9 +172,9 @@ def resumed(b: Belief, back: Bools, moved: float, cov: Floats, disturbance: Dist
 
 
 def unknown_heat(b: Belief, usual: float, disturbance: Disturbance) -> Belief:
-    """Take in that the current is not measured any longer: from now on heat is off the usual one as in a time unseen.
+    """Begin a time without measured current: its heat differs from the usual one as in an unseen time.
 
-    An offset that only grew from that of a measured heat would take a minute to be as wide as what happens in seconds.
+    An offset that only grew from that of measured heat would take a minute to cover what happens in seconds.
     """
     return _of_heat(b, float(spread(usual, 0.0, disturbance)))
 

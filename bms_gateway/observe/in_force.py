@@ -1,4 +1,4 @@
-"""What the adaptive observer takes for the numbers of its strings, and which of their sensors it hears."""
+"""The numbers with which the adaptive observer works, and which sensors were read lately."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ class InForce:
     cov, root : ndarray (S, p, p)
         Covariance of the logarithms of `PARAMETERS`, and a root of it.
     gain : ndarray (S,)
-        Of heat that is given instead of made from I²R_e.
+        Factor on heat that is measured instead of computed as I²R_e.
     R_e, share : ndarray (S, n)
         Ω; heat of each cell over the mean of its string.
     """
@@ -46,7 +46,7 @@ class InForce:
 
     @classmethod
     def of(cls, models: Sequence[StringModel], heat_rel_sd: float) -> "InForce":
-        """Take them from models; `heat_rel_sd` is the relative error of given heat."""
+        """Take the numbers from models; `heat_rel_sd` is the relative error of measured heat."""
         cov, S = np.stack([prior_covariance(m, heat_rel_sd) for m in models]), len(models)
         roots = np.stack([root(c) for c in cov])
         return cls(tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S))
@@ -57,27 +57,27 @@ class InForce:
         return self.models[0].cells
 
     def string(self, s: int) -> StringParameters:
-        """Numbers of string `s` at its flow of now."""
+        """Numbers of string `s` at its present flow."""
         return at_level(self.parameters[s], int(self.level[s]))
 
     def strings(self) -> list[StringParameters]:
-        """Numbers of all strings at their flows of now."""
+        """Numbers of all strings at their present flows."""
         return [self.string(s) for s in range(len(self.models))]
 
     def follow_flow(self, ratio: Floats) -> Ints:
-        """Take flows over nominal (S,), NaN for the last one; which strings have other numbers by it."""
+        """Set flows over nominal (S,), NaN: the last one; return the strings whose numbers this changes."""
         if np.isnan(ratio).all():
             return np.zeros(0, np.int64)
         self.level, moved = flow_levels(ratio, self.level)
         return np.flatnonzero(moved)
 
     def moved(self, s: int, values: Mapping[str, float | Floats]) -> StringParameters:
-        """Numbers of string `s` with other values, of which those that it does not have are left out."""
+        """Numbers of string `s` with other values; symbols that the string does not have are ignored."""
         now = {k: getattr(self.parameters[s], k) for k in self.models[s].priors}
         return self.models[s].parameters({**now, **{k: v for k, v in values.items() if k in now}})
 
     def exchange(self, s: int, new: StringParameters, gain: float, names: Sequence[str], covariance: Floats) -> None:
-        """Take other numbers of string `s`, and the covariance (k, k) of the logarithms of k of them."""
+        """Set other numbers of string `s`, and the covariance (k, k) of the logarithms of k of them."""
         self.parameters[s] = new
         self.gain, self.cov, self.root = self.gain.copy(), self.cov.copy(), self.root.copy()
         self.gain[s] = gain
@@ -86,7 +86,7 @@ class InForce:
         self._renew()
 
     def restore(self, parameters: list[StringParameters], level: Ints, cov: Floats, gain: Floats) -> None:
-        """Take all of them."""
+        """Set all of them."""
         self.parameters, self.level, self.cov, self.gain = parameters, level, cov, gain
         self.root = np.stack([root(c) for c in cov])
         self._renew()
@@ -103,38 +103,38 @@ class Heard:
     Attributes
     ----------
     unread : ndarray (S, m), s
-        Since when each was not read.
+        Time since the last reading of each sensor.
     sd : ndarray (S, m), K
-        Of the newest readings, by what was known before them; NaN for none.
+        Of the newest readings, from what was known before them; NaN for none.
     fresh : bool
-        All were read in the newest step.
+        Whether all sensors were read in the newest step.
     """
 
     unread: Floats
     sd: Floats
     fresh: bool = False
-    _rested: bool = False  # the bands rest on those of all sensors
-    _resting: bytes = b""  # which readings the bands rest on; nothing: to be found out
+    _rested: bool = False  # whether the bands use the surfaces of all sensors
+    _resting: bytes = b""  # sensors whose surfaces the bands use; empty: not known yet
 
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> "Heard":
-        """Tell of sensors (S, m) that were never read."""
+        """Create the state of sensors (S, m) that were never read."""
         return cls(np.full(shape, np.inf), np.full(shape, np.nan))
 
     def take(self, read: Bools, dt: float) -> None:
-        """Take in which were read in a step of `dt` seconds."""
+        """Note which sensors were read in a step of `dt` seconds."""
         self.unread = np.where(read, 0.0, self.unread + dt)
 
     def pass_time(self, gap_s: float) -> None:
-        """Pass over a time in which nothing was read."""
+        """Pass over a time without readings."""
         self.unread, self.fresh = self.unread + gap_s, False
 
     def forget(self) -> None:
-        """Forget what the bands rest on."""
+        """Forget which surfaces the bands use."""
         self._resting, self._rested = b"", False
 
     def newly(self) -> Bools | None:
-        """Which sensors bands can rest on now; None if they are those of the last time."""
+        """Sensors whose surfaces bands can use now; None if they are those of the last call."""
         if self.fresh and self._rested:
             return None
         read: Bools = self.unread <= READ_WITHIN

@@ -1,19 +1,19 @@
-r"""What readings say against everything that is believed of a cell: its core may then be anywhere that they point to.
+r"""Readings that contradict the model: the core of that cell may then be wherever these readings point.
 
-A filter takes what it cannot explain for an offset of the inlet or of the heat in common, however far these lie beyond
-their prior, and stays as sure of the cores as before. So the innovations of each thermocouple are averaged over seconds
-and over a minute. Where an average is far from zero, the surface takes up heat that the model does not know. Were that
-heat made in the core, then by the surface's balance the core would be off by
+A filter explains unexpected readings by the common offsets of inlet and heat, however unlikely their values, and its
+uncertainty of the cores does not grow. Therefore the innovations of each thermocouple are averaged over seconds and
+over a minute. If an average is far from zero, the surface takes up heat that the model does not know. If that heat were
+made in the core, the surface's balance would give a core error of
 
 .. math::
     e_c = (R_c C_s K_s / \Delta t + 1 + R_c / R_u) \, \bar\nu
 
-with the gain :math:`K_s` of the surface, which has been moved by K_s ν̄ in each step. The variance of that core grows by
-:math:`e_c^2` at once, and then as heat of the cell's own makes it grow, of :math:`C_c e_c / \tau` watts where τ is the
-time of the average, until nothing has been odd for minutes. The filter then finds out by itself what belongs to the
-core, and what is common stays common.
+with the gain :math:`K_s` of the surface, which each step has moved by K_s ν̄. The variance of that core grows by
+:math:`e_c^2` at once. It then grows as by heat of the cell's own of :math:`C_c e_c / \tau` watts (τ: time of the
+average), until the innovations have been normal for minutes. The filter itself then separates what belongs to the core
+from what is common to the string.
 
-Beyond Lin et al., whose observer has one gain for ever.
+Beyond Lin et al., whose observer has one constant gain.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,50 +29,52 @@ from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats, StringParameters
 
 TIMES_S: Final = (4.0, 20.0, 60.0)
-"""Over how long innovations are averaged: hundreds of watts are seen in seconds, ten watts within a minute."""
+"""Averaging times of the innovations: hundreds of watts are seen in seconds, ten watts within a minute."""
 ODD: Final = 5.0
-"""Averages so many standard deviations from zero are no chance: white ones come to 4."""
+"""Standard deviations from zero from which an average is odd: those of white innovations reach 4."""
 OFF_K: Final = 0.02
-"""What averages may be off beside, for no model is true to less; and a share of the step of the readings:"""
+"""Tolerance of the averages, because no model is more exact; and the part of it in steps of the readings:"""
 STEPS: Final = np.array([0.2, 0.1, 0.05])[:, None, None]
 ROUNDED: Final = np.array([0.5, 0.4, 0.25])[:, None, None]
-"""Share, beside, of the part of a step that noise does not blur: a reading that stands still errs in one direction."""
+"""Additional share of the part of a step that noise does not blur: a constant reading errs in one direction."""
 BLURS: Final = 2.0
-"""A step of so many standard deviations of the noise is blurred."""
+"""A step of this many standard deviations of the noise is blurred."""
 STIRRED: Final = 0.1
-"""Share of what the coolant has moved by within a minute, for a film is known to no better."""
+"""Share of the coolant's change within a minute by which an innovation may be off: a film is not known better."""
+LATE: Final = 0.35
+"""Share of that change which the cells have not felt yet: coolant comes late through hoses and plenums."""
 COARSEST_K: Final = 1.5
-"""No bus sends temperatures in coarser steps: what moves by more each time is a loose contact."""
+"""Coarsest step of temperatures on a bus; a reading that moves by more each time has a loose contact."""
 LASTS_S: Final = 10.0
-"""For how long heat of a cell's own is about as great as it was."""
+"""Time for which the own heat of a cell stays about the same."""
 MORE: Final = 3.0
-"""By how much more it may be than it takes to be off by so much after the time of an average: it goes on growing."""
+"""Factor on the heat that explains the mean innovation, because the innovation is still growing."""
 CALM_S: Final = 90.0
-"""How soon it is believed to be over while nothing is odd, e-folding."""
+"""Time constant with which own heat is believed to end while the innovations are normal, s."""
 LEAST_K_S: Final = 2e-3
 """K/s of the core: heat below is what filters reckon with anyway."""
 SETTLES_S: Final = 30.0
-"""For which after other numbers have come into use nothing is odd: the filter first finds the state that fits them."""
+"""s after new numbers in which nothing counts as odd: the filter first finds the state that fits them."""
 UNSURE: Final = 3.0
-"""An innovation that may be so many times the noise says what the state was not known to, as after a gap."""
+"""An innovation above this multiple of the noise shows that the state was not known, as after a gap."""
 NOISE_SHARE: Final = 0.005
-"""Of what each innovation tells of its sensor's noise, which may be less or more than the filter reckons with."""
+"""Share of each innovation in the learnt noise of its sensor, which may differ from the filter's noise."""
 FIRST: Final = 2.0
-"""Readings that what the filter reckons with counts as, at the start."""
+"""Number of readings for which the filter's own noise counts at the start."""
 BLOCK: Final = 8
 """Steps after which noise, steps of the readings and the coolant's mean are learnt together …"""
 YOUNG: Final = 60
-"""… but at once of sensors that have been read less often."""
+"""… but after each step while a sensor has fewer readings than this."""
 GONE_K2: Final = 1e-8
-"""K²: a variance below is none."""
+"""Least variance, K²; a smaller one is treated as zero."""
 MOST_K: Final = 200.0
-"""No average of innovations, and no rate in K/s, is as large."""
+"""Upper limit for averages of innovations, K, and rates, K/s."""
 FINE_K: Final = 1e-4
-"""Differences of readings below are rounding."""
+"""Smaller differences of readings are rounding."""
 
 
 class SensorNoise:
-    """What innovations and readings of m thermocouples of S strings tell of their noise and of the coolant.
+    """Noise of m thermocouples of S strings, learnt from innovations and readings, and the coolant's mean.
 
     Steps wait until a block of them is full, and are then learnt from together.
 
@@ -82,22 +84,22 @@ class SensorNoise:
         S, m.
     dt : float, s
     noise : float, K
-        White noise of a reading, as the filter has it.
+        White noise of a reading, as in the filter.
 
     Attributes
     ----------
     fine : ndarray (S, m), K
-        Smallest step of the readings; infinite where none was seen: then nothing tells how coarse they are.
+        Smallest step of the readings; infinite if none was seen: then their resolution is not known.
     rough : ndarray (S, m), K²
-        Variance of an innovation that is only noise.
+        Variance of an innovation that contains only noise.
     coolant : ndarray (S,), °C
         Mean of the coolant over the last minute.
     """
 
     def __init__(self, shape: tuple[int, ...], dt: float, noise: float) -> None:
         self._dt = dt
-        nothing = np.zeros(shape)  # what the first innovation is off counts as noise
-        # newest reading, newest innovation that counted
+        nothing = np.zeros(shape)  # the first innovation counts as noise in full
+        # newest reading, newest counted innovation
         self._last = np.stack((np.full_like(nothing, np.nan), nothing))
         self.fine = np.full(shape, np.inf)
         self.rough, self._count = np.full(shape, noise**2), np.zeros(shape)
@@ -107,7 +109,7 @@ class SensorNoise:
         self._noise, self._held, self._some_coarse = noise, np.full(shape, np.nan), True  # newest readings, if coarse
 
     def take(self, y: Floats, value: Floats, there: Bools) -> bool:
-        """Let a step wait: readings and innovations, and `there`, which of these count. Whether to `learn` now."""
+        """Store readings and innovations of a step; `there`: which of them count. Return whether to `learn` now."""
         waiting = self._waiting[self._waits]
         waiting[0] = y
         waiting[1] = np.where(there, value, np.nan)
@@ -115,7 +117,7 @@ class SensorNoise:
         return self._waits == BLOCK or (self._young and bool((there & (self._count < YOUNG)).any()))
 
     def finer(self, y: Floats) -> bool:
-        """Tell whether a sensor whose steps noise does not blur, or have not been seen, has moved by less than ever."""
+        """Return whether a coarse sensor, or one whose steps are unknown, has made its smallest step so far."""
         if not self._some_coarse:
             return False
         step = np.abs(y - self._held)
@@ -141,7 +143,7 @@ class SensorNoise:
         self._count += n
         self._young = bool((self._count < YOUNG).any())
         share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
-        turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise turns each time, what is odd does not
+        turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise changes its sign each time, odd heat does not
         self.rough += share * (turn.sum(axis=0) / np.maximum(n, 1) - self.rough)
         before = np.where(np.isnan(self.coolant), inlet, self.coolant)
         self.coolant = before - (inlet - before) * np.expm1(-self._waits * self._dt / TIMES_S[-1])
@@ -152,12 +154,12 @@ class SensorNoise:
         return {name.strip("_"): plain(getattr(self, name)) for name in _LEARNT} | {"waits": self._waits}
 
     def restored(self, snapshot: Mapping[str, Any] | None) -> "SensorNoise":
-        """Make one like this from a snapshot; None copies it.
+        """Create an object like this from a snapshot; None copies this one.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none of as many sensors.
+            `snapshot` is not a snapshot of as many sensors.
         """
         new = copy(self)
         if snapshot is None:
@@ -181,7 +183,7 @@ class SensorNoise:
 
 
 class Surprise:
-    """Innovations of m thermocouples of S strings, and what they say of the cores.
+    """Innovations of m thermocouples of S strings, and what they imply for the cores.
 
     Parameters
     ----------
@@ -191,7 +193,7 @@ class Surprise:
     dt : float, s
         Step.
     noise : float, K
-        White noise of a reading, as the filter has it.
+        White noise of a reading, as in the filter.
 
     Attributes
     ----------
@@ -206,7 +208,7 @@ class Surprise:
         self.own = np.zeros(sensors.shape)
         self.open: Bools = np.zeros(len(sensors), np.bool_)
         self._mean = np.zeros((len(TIMES_S), *sensors.shape))
-        self._wide = np.zeros(self._mean.shape)  # K², of the averages: by states that the filter itself knew badly
+        self._wide = np.zeros(self._mean.shape)  # K², of the averages: from uncertain states
         self._sensed = SensorNoise(sensors.shape, dt, noise)
         self._settles = np.zeros(len(sensors))
         times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
@@ -219,46 +221,46 @@ class Surprise:
     def set_parameters(self, parameters: Sequence[StringParameters]) -> None:
         """Take other numbers of the strings into use."""
         R_c, C_s, R_u = (np.stack([getattr(p, k) for p in parameters]) for k in ("R_c", "C_s", "R_u"))
-        self._of_cells = R_c * C_s / self._dt, 1.0 + R_c / R_u
+        self._of_cells = R_c * C_s / self._dt, 1.0 + R_c / R_u, self._dt / (R_u * C_s)
         self._weigh()
 
     def _weigh(self) -> None:
-        """Take lag and ratio of the sensed cells from those of all."""
+        """Take lag, ratio and share of the coolant in a step of the sensed cells from those of all."""
         row = np.arange(len(self._sensors))[:, None]
-        self._lag, self._ratio = (a[row, self._sensors] for a in self._of_cells)
+        self._of_sensed = tuple(a[row, self._sensors] for a in self._of_cells)
 
     def move(self, sensors: Ints) -> None:
-        """Let the sensors be at other cells (S, m)."""
+        """Set the cells (S, m) of the sensors."""
         if not np.array_equal(sensors, self._sensors):
             self._sensors = sensors
             self._weigh()
 
     def assign(self, source: NDArray[np.int8], said: Floats) -> None:
-        """Leave it: each reading here is of one cell for ever; see `StatisticSurprise.assign`."""
+        """Do nothing: each reading here always belongs to one cell; see `StatisticSurprise.assign`."""
 
     def settle(self, s: int) -> None:
-        """Let string `s` find the state that fits other numbers."""
+        """Give string `s` time to find the state that fits new numbers."""
         self._mean[:, s], self._settles[s] = 0.0, SETTLES_S
 
     def step(self, y: Floats, value: Floats, sd: Floats, known: Floats, inputs: Bools, inlet: Floats) -> Floats | None:
-        """Take in the innovations of a step.
+        """Use the innovations of a step.
 
         Parameters
         ----------
         y : ndarray (S, m), °C
             Readings; NaN where there is none.
         value, sd : ndarray (S, m), K
-            Innovations, NaN where nothing was read; and what they should be, the numbers taken for true.
+            Innovations, NaN without a reading; their standard deviations if the numbers were exact.
         known : ndarray (S, m), K
-            What they should be with all that is not known of the numbers.
+            Their standard deviations with the uncertainty of the numbers.
         inputs : ndarray of bool (S, 2)
-            Whether inlet and current were measured: without them nothing is odd.
+            Whether inlet and current were measured; if not, nothing is odd.
         inlet : ndarray (S,), °C
 
         Returns
         -------
         ndarray (S, m), K², or None
-            What the variances of the cores grow by in this step; None where none does, as nearly always.
+            Growth of the variances of the cores in this step; None if no core's grows, as nearly always.
         """
         there = value == value
         if self._settles.any() or not inputs.all():
@@ -285,16 +287,19 @@ class Surprise:
         return grown
 
     def _grown(self, off: Floats, sd: Floats, known: Floats, inlet: Floats) -> Floats | None:
-        """Tell what the variances of the cores grow by where averages lie `off` (3, S, m), K, from zero."""
+        """Growth of the variances of the cores where averages lie `off` (3, S, m), K, from zero."""
         var = np.square(sd)
-        vague = np.maximum(np.square(known) - var, 0.0)  # NaN after a step without a reading: then nothing is odd
+        vague = np.maximum(np.square(known) - var, 0.0)  # NaN after a step without a reading: nothing is odd then
         chance = np.sqrt(self._sensed.rough * self._white + self._wide + vague)
         moved = np.where(np.isnan(self._sensed.coolant), 0.0, np.abs(inlet - self._sensed.coolant))
-        odd = off > ODD * chance + self._beside + STIRRED * moved[:, None]
+        lag, ratio, by_coolant = self._of_sensed
+        gain = np.maximum(0.0, 1.0 - self._noise**2 / var)
+        # what late coolant does in a step is taken up by the gain, so that much of it stays in the innovations
+        late = by_coolant / np.maximum(gain, by_coolant)
+        odd = off > ODD * chance + self._beside + np.maximum(STIRRED, LATE * late) * moved[:, None]
         at_once, calm = np.zeros_like(self.own), exp(-self._dt / CALM_S)
         if odd.any():
-            gain = np.maximum(0.0, 1.0 - self._noise**2 / var)
-            core = np.where(odd, (self._lag * gain + self._ratio) * off, 0.0)
+            core = np.where(odd, (lag * gain + ratio) * off, 0.0)
             at_once = np.where(self.own == 0.0, np.square(core.max(axis=0)), 0.0)
             self.own = np.maximum(self.own * calm, MORE * (core / self._times).max(axis=0))
         elif self.open.any():
@@ -303,20 +308,20 @@ class Surprise:
             return None
         self.own[self.own < LEAST_K_S] = 0.0
         self.open = np.asarray((self.own > 0.0).any(axis=1), dtype=np.bool_)
-        return at_once + 2.0 * LASTS_S * self._dt * np.square(self.own)  # of heat that lasts so long
+        return at_once + 2.0 * LASTS_S * self._dt * np.square(self.own)  # of heat that lasts this long
 
     def rounded(self, sd: Floats) -> Floats:
-        """Widen what innovations should be, `sd` (S, m), by the steps of readings that noise does not blur."""
+        """Widen standard deviations `sd` (S, m) of innovations by the steps of readings that noise does not blur."""
         return np.hypot(sd, self._rounding) if self._coarse else sd
 
     def _judge(self) -> None:
-        """Reckon what averages and deviations are no chance, by what is known of the sensors."""
-        step, rough = self._sensed.fine, self._sensed.rough  # infinite before the first: then nothing is odd
+        """Compute the limits above which averages and deviations are odd, from the learnt noise of the sensors."""
+        step, rough = self._sensed.fine, self._sensed.rough  # infinite before the first step: nothing is odd then
         self._rounding = np.where((step > self._noise) & (step <= COARSEST_K), step, 0.0) / sqrt(12.0)
         self._coarse = bool(self._rounding.any())
         rounded = ROUNDED * np.maximum(step - BLURS * np.sqrt(rough), 0.0)
         self._beside = OFF_K + STEPS * step + rounded
-        self._least = ODD * np.sqrt(rough * self._white) + self._beside  # whatever else is not known
+        self._least = ODD * np.sqrt(rough * self._white) + self._beside  # other tolerances
         self._unsure = UNSURE * np.sqrt(rough)
 
     def snapshot(self) -> dict[str, Any]:
@@ -324,12 +329,12 @@ class Surprise:
         return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT} | self._sensed.snapshot()
 
     def restored(self, snapshot: Mapping[str, Any] | None) -> "Surprise":
-        """Make one like this from a snapshot; None, as older states have, knows nothing yet.
+        """Create an object like this from a snapshot; None, as in states of older versions, starts without knowledge.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none of as many sensors.
+            `snapshot` is not a snapshot of as many sensors.
         """
         new = copy(self)
         new._sensed = self._sensed.restored(snapshot)
@@ -357,4 +362,4 @@ class Surprise:
 
 _KEPT = ("own", "_settles", "_mean", "_wide")
 _LEARNT = ("_last", "fine", "rough", "_count", "coolant", "_waiting")
-"""What snapshots hold of both."""
+"""Fields that the snapshots of both contain."""

@@ -1,4 +1,4 @@
-r"""Kalman filter of stacked strings: readings that are late, missing or back again; less work when nothing changes.
+r"""Kalman filter of stacked strings: readings may be late, missing or back again; less work when nothing changes.
 
 A reading of age a belongs between the previous state and this one. With the lag w = a/dt the predicted reading is
 ŷ = (1−w) C x_k + w C x_{k−1}, and because x_k = A x_{k−1} + …, with P the covariance before the step and
@@ -12,12 +12,12 @@ P⁻ = A P Aᵀ + Q after it,
 which is the exact filter of the interpolated output. The last product is formed as WᵀW with W = L⁻¹Uᵀ, S = LLᵀ, so
 that P stays symmetric.
 
-The gain and the covariance do not depend on the readings, only on which there are. While the same ones keep coming
-(same lag to a fifth of a step), what still changes does so the slower the longer they have. After `EVERY` steps the
-covariance is therefore brought up to date in strides, exactly (`strides`), which grow with the time since the last
-change and with calm (`covariance_steps`); in between, gain and covariance are those of the last one, late by 1/32 of
-that time at most. A variance that grows from nothing in proportion to time is thus stated 3 % too small and its band
-1.5 %, others by less; what shrinks stays too wide by as little.
+Gain and covariance do not depend on the values of the readings, only on which readings come. While the same readings
+come (same lag to a fifth of a step), changes become ever slower. After `EVERY` steps the covariance is therefore
+updated exactly in strides (`strides`), which grow with the time since the last change and with calm
+(`covariance_steps`). Between strides, gain and covariance are those of the last stride, late by at most 1/32 of that
+time. A variance that grows from zero in proportion to time is thus stated 3 % too small, its band 1.5 %, others by
+less; a shrinking variance is stated too large by as little.
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,7 +35,7 @@ NONE = -1
 
 @dataclass(frozen=True, slots=True)
 class KalmanState:
-    """Everything the filter carries from one step to the next.
+    """All that the filter carries from one step to the next.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class KalmanState:
     since: Ints
 
     def begun(self, at: Ints, x: Floats, P: Floats) -> "KalmanState":
-        """Take states (S, M) and covariances of which those of the strings `at` begin now."""
+        """Return the state with `x` (S, M) and `P` in which the strings `at` begin now."""
         held, pattern, since = self.held.copy(), self.pattern.copy(), self.since.copy()
         held[at], pattern[at], since[at] = 0, NONE, 0
         return replace(self, x=x, P=P, held=held, pattern=pattern, since=since)
@@ -78,7 +78,7 @@ class Predicted:
     before : KalmanState
         One step ago.
     u : ndarray (S, M + n + 2)
-        Its mean with the inputs of the step, as `StackedModel.inputs` has them.
+        Mean of `before` with the inputs of the step, in the order of `StackedModel.inputs`.
     x : ndarray (S, M)
     known : ndarray of bool (S, 2)
         Whether inlet and current were measured.
@@ -92,14 +92,14 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """What the readings said beyond the prediction.
+    """Innovations of the readings.
 
     Attributes
     ----------
     value : ndarray (S, m), K
         y − ŷ; NaN where there was no reading.
     sd : ndarray (S, m), K
-        What it should be; `value / sd` is white with unit variance while the model holds.
+        Standard deviation of `value`; `value / sd` is white with unit variance while the model holds.
     lag : ndarray (S, m)
         Age of the reading as a share of the step; 0 where there was none.
     """
@@ -121,13 +121,13 @@ class Kalman:
     fitted : ndarray of bool (S, m)
         False where a string has fewer than m sensors.
     strides : bool
-        Whether the covariance may go in strides; False gives the reference.
+        Whether the covariance may advance in strides; False gives the reference.
     ladder : Ladder
-        What strides have cost already; no part of the state.
+        Strides that are already computed; not part of the state.
     cell, surface : ndarray of int (S, m)
         Places of the sensed cells among (S, n) values in one row, and of their surfaces among (S, M) states.
     calm : Calm
-        What the newest step was like; no part of the state.
+        Kind of the newest step; not part of the state.
 
     References
     ----------
@@ -152,7 +152,7 @@ class Kalman:
         object.__setattr__(self, "ladder", ladder)
 
     def exchanged(self, at: Ints, part: StackedModel) -> "Kalman":
-        """Exchange the models of the strings `at` for those of `part`; no step of theirs may be outstanding."""
+        """Replace the models of the strings `at` by those of `part`; none of their steps may be outstanding."""
         new = replace(self, model=self.model.exchanged(at, part))
         self.ladder.forget(at)
         object.__setattr__(new, "ladder", self.ladder)
@@ -172,9 +172,9 @@ class Kalman:
         )
 
     def turned(self, state: KalmanState, known: Bools) -> Bools | None:
-        """Tell which inputs (S, 2) are back or lost in the coming step, as against the last one; None for none.
+        """Return the inputs (S, 2) that the coming step gains or loses against the last one; None for none.
 
-        A string's first step is held against one with all of them measured.
+        A string's first step is compared with a step in which all inputs are measured.
         """
         if self.calm.knew(state.held, known):
             return None
@@ -191,10 +191,10 @@ class Kalman:
         state : KalmanState
         heat : ndarray (S, n), W
         inlet0, inlet1 : ndarray (S,), °C
-            Finite: the caller holds the last one where it is not known.
+            Finite: where an inlet is not known, the caller gives its last value.
         known : ndarray of bool (S, 2), optional
-            Whether inlet and current are measured (all, by default). False widens their noise; of one that is back or
-            lost the caller has told the state (`turned`), for its offset belongs to the measurement.
+            Whether inlet and current are measured (all, by default). False widens their noise. The caller has changed
+            the state for an input that is back or lost (`turned`), because its offset belongs to the measurement.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class Kalman:
         return Predicted(state, u, self.model.moved(u), known)
 
     def update(self, predicted: Predicted, y: Floats, age: Floats) -> tuple[KalmanState, Innovation]:
-        """Take the readings in; with none at all the covariance still advances.
+        """Use the readings; without any reading the covariance still advances.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class Kalman:
         y : ndarray (S, n), °C
             NaN where there is no new reading.
         age : ndarray (S, n), s
-            Instant of the state less instant of the reading, 0…dt; what is older counts as dt.
+            Instant of the state minus instant of the reading, 0…dt; greater ages count as dt.
 
         Returns
         -------
@@ -239,7 +239,7 @@ class Kalman:
         return state, Innovation(np.where(there, r, np.nan), calm.sd, lag)
 
     def _changed(self, before: KalmanState, there: Bools, lag: Floats, known: Bools) -> KalmanState:
-        """Take a step whose readings may be others than before, or which a stride is due in; the mean stays behind."""
+        """Update covariance and gain, not the mean, if the set of readings has changed or a stride is due."""
         pattern = self._pattern(before.pattern, there, lag, known)
         same = (pattern == before.pattern).all(axis=1)
         held = np.where(same, before.held + 1, 1)
@@ -256,7 +256,7 @@ class Kalman:
         return state
 
     def lag(self, age: Floats) -> Floats:
-        """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1; an unknown age counts as none."""
+        """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1; an unknown age counts as zero."""
         return np.fmin(np.fmax(age.take(self.cell) / self.model.dt, 0.0), 1.0)
 
     @staticmethod
@@ -270,7 +270,7 @@ class Kalman:
         return new
 
     def loosened(self, state: KalmanState, grown: Floats) -> KalmanState:
-        """Let the variances of the cores under the sensors grow by so much (S, m), K², after a step."""
+        """Increase the variances of the cores under the sensors by `grown` (S, m), K², after a step."""
         at = np.flatnonzero(grown.any(axis=1))
         if not len(at):
             return state
@@ -278,11 +278,11 @@ class Kalman:
         P, held = state.P.copy(), state.held.copy()
         core = 2 * self.sensors[at]
         np.add.at(P, (at[:, None], core, core), np.where(self.fitted[at], grown[at], 0.0))
-        held[at] = np.minimum(held[at], EVERY - 1)  # the next steps are computed, each with what it brings
+        held[at] = np.minimum(held[at], EVERY - 1)  # the next steps are computed one by one
         return replace(state, P=P, held=held)
 
     def caught_up(self, state: KalmanState, at: Ints) -> KalmanState:
-        """Let the covariances of the strings `at` make the steps that they have not made yet."""
+        """Make the outstanding steps of the covariances of the strings `at`."""
         at = at[state.since[at] > 0]
         if not len(at):
             return state
@@ -311,7 +311,7 @@ class Kalman:
     def propagate(
         self, state: KalmanState, gap: StackedModel, inlet0: Floats, inlet1: Floats, *, unseen: bool = False
     ) -> KalmanState:
-        """Carry the state over a gap with no heat but the state's own and no readings, in one exact step.
+        """Carry the state over a gap in one exact step, with no heat but the state's own and no readings.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class Kalman:
         gap : StackedModel
             The same strings, discretised with the length of the gap (`stack(parameters, gap_s, …)`).
         inlet0, inlet1 : ndarray (S,), °C
-            Inlet before and after; a straight line between them, from which it may have strayed unseen up to
+            Inlet before and after; it may have strayed from the straight line between them by up to
             `Disturbance.inlet_unknown`.
         unseen : bool
             Whether current may have flowed.
@@ -351,7 +351,7 @@ def _put(array: np.ndarray, at: Ints, values: np.ndarray) -> np.ndarray:
 def _condition(
     P: Floats, AP: Floats, P0: Floats, surface: Ints, quarter: Ints, sd: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Condition `P` on the readings present; returns it with the gain and the variance of the innovations."""
+    """Condition `P` on the present readings; return it with the gain and the variance of the innovations."""
     there = quarter != NONE
     w = np.where(there, quarter, 0) / LAG_STEPS
     v = 1.0 - w
@@ -366,6 +366,6 @@ def _condition(
     S[:, m, m] = np.where(there, S[:, m, m] + sd**2, 1.0)
     L = np.linalg.cholesky(S)
     W = np.linalg.solve(L, U)
-    # in the order in memory that a restored state has, too: a product's last bits depend on it
+    # in the memory order that a restored state also has: the last bits of a product depend on it
     K = np.ascontiguousarray(np.linalg.solve(L.swapaxes(1, 2), W).swapaxes(1, 2))
     return P - np.matmul(W.swapaxes(1, 2), W), K, S[:, m, m]

@@ -1,6 +1,6 @@
 """Luenberger observer: a constant gain, chosen by hand, pulls the model to the readings.
 
-The paper's gain for one cell, L = [0, 0.01], moves the surface only and hardly: it is nearly an open loop.
+The paper's gain for one cell, L = [0, 0.01], moves only the surface, and very little: it is nearly an open loop.
 """
 
 from dataclasses import dataclass

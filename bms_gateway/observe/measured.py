@@ -1,4 +1,4 @@
-"""What the observer of a string with effects takes in: more of the current, and what only effects ask for.
+"""Measurements that drive the observer of a string with effects.
 
 The inputs and outputs of Lin et al., Eq 11-13.
 """
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from math import nan
 
 SOC_UNKNOWN = 0.5
-"""Where counting of the charge starts when nobody knows: as offline."""
+"""State of charge from which counting starts if it is not known; the same as in fits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What is measured of one string over one step, beside its surfaces; NaN for what is not.
+    """Measurements of one string over one step, without its surfaces; NaN if not measured.
 
     Attributes
     ----------
@@ -21,9 +21,9 @@ class Measured:
     inlet : float, °C
         Coolant inlet at the end of the step.
     flow : float
-        Coolant flow over nominal flow; the last one is kept where it is missing.
+        Coolant flow over nominal flow; where missing, the last value is kept.
     soc : float
-        State of charge, 0…1; counted where it is missing.
+        State of charge, 0…1; where missing, it is counted.
     V, IV : float
         Mean voltage of a cell [V], mean of its product with the current [W].
     """

@@ -1,15 +1,19 @@
 r"""Many strings of equal length as one stacked linear model with its disturbances.
 
-Two things go wrong for all cells of a string together: the heat (current sensor, R_e) and the coolant (the inlet
-thermocouple is not where the first cell is). Each is one more state, a first-order (Ornstein–Uhlenbeck) process:
+Two errors are common to all cells of a string: heat (current sensor, R_e) and coolant (the inlet thermocouple is not at
+the first cell). Each is one more state, a first-order (Ornstein–Uhlenbeck) process:
 
 .. math::
     x = [T_{c1}, T_{s1}, \dots, T_{cn}, T_{sn}, b_f, b_q], \qquad
     \dot b = -b/\tau + w, \quad \operatorname{var} b = \sigma^2
 
-with b_f [K] added to the measured inlet and b_q [W] to the heat of every cell. What differs from cell to cell is white
-noise on each core, of the same low-frequency intensity 2τσ². This correlation is what lets a sensor speak for cells
-that have none: with independent noise per cell they stay as slow as an open loop.
+with b_f [K] added to the measured inlet and b_q [W] to the heat of every cell. Differences between cells are white
+noise on each core, of the same low-frequency intensity 2τσ². Through this correlation a sensor also informs about cells
+without one: with independent noise per cell, these would be as slow as an open loop.
+
+Where readings show that cells differ for an unknown reason (`Disturbance.cooling_cell`), the cooling of each cell has
+an offset as well, a process of the same kind. These n offsets [W] act on the surfaces; in x they stand between the
+temperatures and b_f.
 """
 
 from collections.abc import Sequence
@@ -34,28 +38,28 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 OFFSETS = 2
-"""States behind the temperatures: inlet offset b_f at −2 and common heat offset b_q at −1."""
+"""States after the temperatures: inlet offset b_f at −2 and common heat offset b_q at −1."""
 _INLET, _HEAT = -2, -1
 
 
 @dataclass(frozen=True, slots=True)
 class StackedModel:
-    """x⁺ = A x + B_q q̄ + B_f0 T_f + B_f1 T_f⁺ + w for S strings of n cells, M = 2n + 2 states each.
+    """x⁺ = A x + B_q q̄ + B_f0 T_f + B_f1 T_f⁺ + w for S strings of n cells, M = 2n + 2 states each, or 3n + 2.
 
     Attributes
     ----------
     G : ndarray (S, M, M + n + 2)
         [A, B_q, B_f0, B_f1] side by side: one product advances a string.
     Q : ndarray (S, M, M), K²
-        Noise gathered over the step, exact.
+        Noise integrated over the step, exact.
     Q_unknown : ndarray (2, S, M, M), K²
-        What is added while the inlet, or the current, is not measured.
+        Addition while the inlet, or the current, is not measured.
     dt : float, s
     disturbance : Disturbance
 
     References
     ----------
-    Lin et al., Eq 18; the offsets are ours.
+    Lin et al., Eq 18; the offsets are not in the paper.
     """
 
     G: Floats
@@ -71,13 +75,13 @@ class StackedModel:
 
     @property
     def states(self) -> int:
-        """States per string M = 2n + 2."""
+        """States per string M."""
         return int(self.G.shape[1])
 
     @property
     def cells(self) -> int:
         """Cells per string n."""
-        return (self.states - OFFSETS) // 2
+        return int(self.G.shape[2]) - self.states - OFFSETS
 
     @property
     def A(self) -> Floats:
@@ -103,7 +107,7 @@ class StackedModel:
 
     @staticmethod
     def inputs(x: Floats, heat: Floats, inlet0: Floats, inlet1: Floats) -> Floats:
-        """Put state and inputs of a step side by side: (S, M + n + 2), as `G` wants them."""
+        """Put state and inputs of a step side by side: (S, M + n + 2), in the order of `G`."""
         return np.concatenate((x, heat, inlet0[:, None], inlet1[:, None]), axis=1)
 
     def moved(self, u: Floats) -> Floats:
@@ -119,7 +123,7 @@ class StackedModel:
         return Q
 
     def exchanged(self, at: Ints, part: "StackedModel") -> "StackedModel":
-        """Exchange the strings `at` for those of `part`."""
+        """Replace the strings `at` by those of `part`."""
         G, Q, Q_unknown = self.G.copy(), self.Q.copy(), self.Q_unknown.copy()
         G[at], Q[at], Q_unknown[:, at] = part.G, part.Q, part.Q_unknown
         return StackedModel(G, Q, Q_unknown, self.dt, self.disturbance)
@@ -128,20 +132,26 @@ class StackedModel:
 def augmented(p: StringParameters, disturbance: Disturbance, *, by_resistance: bool = False) -> ContinuousString:
     """Continuous system of one string with its two offset states; `B_q` has one column per cell.
 
-    The offset of heat is the same for all cells, or by their R_e its share of each: as of a current that nobody saw.
+    The offset of heat is the same for all cells, or in proportion to their R_e as of an unseen current.
 
     References
     ----------
-    Lin et al., Eq 18; the offsets are ours.
+    Lin et al., Eq 18; the offsets are not in the paper.
     """
     s = continuous(p)
     N, n = s.B_q.shape
-    A = np.zeros((N + OFFSETS, N + OFFSETS))
+    own = n if disturbance.cooling_cell else 0
+    M = N + own + OFFSETS
+    A = np.zeros((M, M))
     A[:N, :N] = s.A
+    if own:
+        k = np.arange(n)
+        A[2 * k + 1, N + k] = 1.0 / p.C_s
+        A[N + k, N + k] = -1.0 / disturbance.correlation
     A[:N, _INLET] = s.B_f
     A[:N, _HEAT] = s.B_q @ (p.R_e / np.mean(p.R_e)) if by_resistance else s.B_q.sum(axis=1)
     A[_INLET, _INLET] = A[_HEAT, _HEAT] = -1.0 / disturbance.correlation
-    return ContinuousString(A, np.vstack((s.B_q, np.zeros((OFFSETS, n)))), np.append(s.B_f, np.zeros(OFFSETS)))
+    return ContinuousString(A, np.vstack((s.B_q, np.zeros((M - N, n)))), np.append(s.B_f, np.zeros(M - N)))
 
 
 def stack(
@@ -154,10 +164,10 @@ def stack(
     parameters : sequence of StringParameters
         S strings, each with the same number of cells.
     dt : float, s
-        Step; any length, a parked night too.
+        Step of any length, also a parked night.
     disturbance : Disturbance
     by_resistance : bool
-        Whether the offset of heat goes to the cells by their R_e.
+        Whether the offset of heat is divided between the cells by their R_e.
 
     Returns
     -------
@@ -166,7 +176,7 @@ def stack(
     Raises
     ------
     ConfigError
-        Bulk coolant node out of its validity (see `thermal.exchange`).
+        Bulk coolant node outside its validity (see `thermal.exchange`).
 
     Notes
     -----
@@ -208,7 +218,7 @@ def _discretized(s: ContinuousString, dt: float, d: Disturbance) -> tuple[Floats
 
 
 def noise_intensity(B_q: Floats, d: Disturbance) -> Floats:
-    """Intensity (M, M) of the white noise behind what disturbs a string whose inputs are measured.
+    """Intensity (M, M) of the white noise that drives a string whose inputs are measured.
 
     Parameters
     ----------
@@ -217,25 +227,28 @@ def noise_intensity(B_q: Floats, d: Disturbance) -> Floats:
     d : Disturbance
     """
     W: Floats = 2.0 * d.correlation * d.heat_cell**2 * (B_q @ B_q.T)
+    own = np.arange(2 * B_q.shape[1], len(B_q) - OFFSETS)
+    W[own, own] = 2.0 * d.cooling_cell**2 / d.correlation
     W[_INLET, _INLET] = 2.0 * d.inlet**2 / d.correlation
     W[_HEAT, _HEAT] = 2.0 * d.heat_common**2 / d.correlation
     return W
 
 
 def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inlet_known: bool = True) -> Floats:
-    """Covariance of a string before its first reading, common-mode for the most part.
+    """Covariance of a string before its first reading; most of it is common to the cells.
 
     Returns
     -------
-    ndarray (2n + 2, 2n + 2), K² (the last row W²)
+    ndarray (M, M), K² (the last row W²)
         Symmetric, positive definite.
 
     References
     ----------
-    Lin et al., Fig 8 and 9 for what a restart does not know.
+    Lin et al., Fig 8 and 9 for what is unknown after a restart.
     """
     N = 2 * cells
-    P = np.zeros((N + OFFSETS, N + OFFSETS))
+    own = cells if disturbance.cooling_cell else 0
+    P = np.diag(np.full(N + own + OFFSETS, disturbance.cooling_cell**2))
     P[:N, :N] = start_spread(cells, start)
     P[_INLET, _INLET] = (disturbance.inlet if inlet_known else disturbance.inlet_unknown) ** 2
     P[_HEAT, _HEAT] = disturbance.heat_common**2
@@ -248,5 +261,5 @@ def scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters:
 
 
 def usable(p: StringParameters) -> StringParameters:
-    """Take the exact exchange where the flow is too low for the bulk node, which would overshoot there."""
+    """Use the exact exchange if the flow is too low for the bulk node, which would overshoot."""
     return replace(p, coolant="ntu") if p.coolant == "bulk" and bool(np.any(p.R_u * p.C_f <= 1.0)) else p

@@ -1,4 +1,4 @@
-"""Open loop: the model runs on its inputs and listens to no sensor. The yardstick of every other observer.
+"""Open loop: the model runs on its inputs and uses no sensor. Other observers are compared with it.
 
 Lin et al., Fig 9: the observer without its correction.
 """

@@ -1,10 +1,10 @@
-r"""Forecasts of plain strings: two nodes a cell, heat that goes with the square of the current.
+r"""Forecasts of plain strings: two nodes per cell, heat proportional to the square of the current.
 
 The matrices are those of `transitions`, made anew for a string whose parameters or flow have changed. The sensitivities
-go on by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment; as this is
-linear in state and load, one call serves the course without a load and the response to one A².
+advance by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment. As this
+is linear in state and load, one call gives the course without a load and the response to one A².
 
-Beyond Lin et al., whose observer tells of now.
+Beyond Lin et al., whose observer estimates only the present.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -22,12 +22,12 @@ from bms_gateway.thermal.centre import followed, time_constant
 
 PARTS = len(SEGMENTS)
 FARTHEST = 5.0
-"""Factor by which heat told by a voltage may be off R_e: the model's number and the cold are within."""
+"""Limit of the factor between the heat by a voltage and that by R_e; the error of R_e and the cold are within."""
 
 
 @dataclass(slots=True)
 class _Made:
-    """Matrices of all strings, stacked; and what they were made of."""
+    """Matrices of all strings, stacked, and the numbers from which they were made."""
 
     reach: Reach
     flows: Flows
@@ -45,19 +45,19 @@ class Outlook:
         self._made: _Made | None = None
 
     def ahead(self, s: Standing, coming: Coming, known: Certainty | None = None) -> Ahead:
-        """Look ahead from where the strings stand.
+        """Forecast from the present state of the strings.
 
         Parameters
         ----------
         s : Standing
         coming : Coming
         known : Certainty, optional
-            Of a forecast a short time ago: variances change slowly, and are most of the work.
+            Of a recent forecast: variances change slowly, and are most of the work.
 
         Returns
         -------
         Ahead
-            NaN of strings that are not available.
+            NaN for strings that are not available.
         """
         m, x = self._follow(s), _shifted(s, coming)
         R, n, M = m.reach, s.lag.shape[1], s.x.shape[1]
@@ -81,14 +81,14 @@ class Outlook:
         return _told(Ahead(still, load, known, s.unlike.phi), s)
 
     def under(self, s: Standing, coming: Coming, profile: Profile) -> Ahead:
-        """Look ahead under a profile of the load; what there is of response to one is zero.
+        """Forecast under a profile of the load; its response to a load is zero.
 
         Parameters
         ----------
         s : Standing
         coming : Coming
         profile : Profile
-            As long as the last horizon, at least.
+            At least as long as the last horizon.
         """
         m, n = self._follow(s), s.lag.shape[1]
         R, x, lag = m.reach, _shifted(s, coming), s.lag
@@ -124,7 +124,7 @@ class Outlook:
         return np.where(np.isfinite(told), told, m.R_e)[:, None]
 
     def _spread(self, m: _Made, s: Standing, coming: Coming, F: Floats) -> Spread:
-        """Carry on covariances, and without a load and per A² sensitivities by their forcing (S, PARTS, M, 2p)."""
+        """Carry covariances and sensitivities, without a load and per A², by their forcing (S, PARTS, M, 2p)."""
         R, n, p = m.reach, s.lag.shape[1], s.J.shape[2]
         S, N = len(s.x), 2 * n
         J, carried = np.concatenate((s.J, np.zeros_like(s.J)), axis=2), []
@@ -152,7 +152,7 @@ class Outlook:
         return Spread(still + more, np.matmul(slopes, slopes.swapaxes(3, 4)))
 
     def _follow(self, s: Standing) -> _Made:
-        """Make matrices anew where strings have other parameters, or another flow, than before."""
+        """Make matrices anew for strings whose parameters or flow have changed."""
         made, phi = self._made, s.unlike.phi
         wanted = [(p, int(level)) for p, level in zip(s.parameters, s.level, strict=True)]
         was = [(None, 0)] * len(wanted) if made is None else made.of
@@ -191,7 +191,7 @@ def _inputs(x: Floats, heat: Floats, inlet: Floats) -> Floats:
 
 
 def _shifted(s: Standing, coming: Coming) -> Floats:
-    """State (S, M) with the cores where they are believed to be."""
+    """State (S, M) with the cores shifted to their believed temperatures."""
     if not coming.shift.any():
         return s.x
     x = s.x.copy()
@@ -205,7 +205,7 @@ def _middles(x: Floats) -> Floats:
 
 
 def _forcing(flows: Flows, middle: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
-    """Force (S, PARTS, M, p) sensitivities in the middles (S, PARTS, M) under constant heat and inlet."""
+    """Return the forcing (S, PARTS, M, p) of sensitivities at the states `middle`, for constant heat and inlet."""
     (S, parts, M), n = middle.shape, flows.C_c.shape[1]
     heat, known = ((np.repeat(a, parts, axis=0) if a.ndim == 2 else a).reshape(-1, n) for a in (electric, given))
     at = (np.repeat(inlet, parts) if inlet.ndim == 1 else inlet).reshape(-1)
@@ -213,7 +213,7 @@ def _forcing(flows: Flows, middle: Floats, electric: Floats, given: Floats, inle
 
 
 def _told(ahead: Ahead, s: Standing) -> Ahead:
-    """Tell nothing of strings that are not available."""
+    """Set the forecast of strings that are not available to NaN."""
     if s.available.all():
         return ahead
     c, there = ahead.still, s.available[:, None]

@@ -1,12 +1,12 @@
-r"""Forecasts of a string with effects: its own balances about where it stands, by the Jacobian that its observer has.
+r"""Forecasts of a string with effects: its balances about its present state, by the Jacobian of its observer.
 
-With f the rates at the state z of now under a constant current, z(h) = z + Γ_h f: exact for what is linear, of second
-order for the rest. The response to a load is the secant of f from no current to that of now, and one of its own for the
-other direction, since effects may tell discharge from charge. Effects' memories are those that a current held for
-some minutes leaves; heat goes by R_e and what the effects make of it, as no voltage of the future is measured. Under a
-profile each step is taken from where the last one ended.
+With f the rates at the present state z under a constant current, z(h) = z + Γ_h f: exact for a linear string, of second
+order otherwise. The response to a load is the secant of f from no current to the present one. The other direction has a
+response of its own, since effects may distinguish discharge from charge. Effects' memories are set to those after some
+minutes of that current. Heat follows R_e and the effects, as no future voltage is measured. Under a profile, each step
+starts where the last one ended.
 
-Beyond Lin et al., whose observer tells of now.
+Beyond Lin et al., whose observer estimates only the present.
 """
 
 from dataclasses import dataclass, replace
@@ -22,23 +22,23 @@ from bms_gateway.thermal.centre import followed, time_constant
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
 HELD_S = 300.0
-"""s for which a current has flowed by the time that a forecast is about."""
+"""s for which the current has flowed in the middle of a forecast."""
 LEAST_HEAT_W = 5.0
-"""Heat of a mean cell at the least current from which a response is taken."""
+"""Heat of a mean cell at the least current from which a response is computed."""
 _I, _I2, _I_ABS, _T_IN = (ROW.index(k) for k in ("I", "I2", "I_abs", "T_in"))
 _V, _IV = ROW.index("V"), ROW.index("IV")
 
 
 @dataclass(frozen=True, slots=True)
 class EffectStanding(Standing):
-    """State of one string with effects; see `Standing`, whose x, P and J hold the effects' own states too.
+    """State of one string with effects; see `Standing`. Here x, P and J include the effects' own states.
 
     Attributes
     ----------
     physics : Physics
     numbers : Numbers
     tangent : Tangent or None
-        In force; None before the first step.
+        Tangent in force; None before the first step.
     forcing : ndarray (M, p)
         Of the sensitivities, in the last steps.
     row : ndarray (9,)
@@ -80,7 +80,7 @@ class EffectOutlook:
         self._reach: Reach | None = None
 
     def ahead(self, s: Standing, coming: Coming, known: Certainty | None = None) -> Ahead:
-        """Look ahead from where the string stands; see `Outlook.ahead`."""
+        """Forecast from the present state of the string; see `Outlook.ahead`."""
         assert isinstance(s, EffectStanding)  # noqa: S101 - of the observer that this outlook belongs to
         R, z = self._follow(s), _shifted(s, coming)
         M, n = len(z), s.lag.shape[1]
@@ -103,7 +103,7 @@ class EffectOutlook:
         return Ahead(still, load, known, s.unlike.phi, other)
 
     def under(self, s: Standing, coming: Coming, profile: Profile) -> Ahead:
-        """Look ahead under a profile of the load; what there is of response to one is zero."""
+        """Forecast under a profile of the load; its response to a load is zero."""
         assert isinstance(s, EffectStanding)  # noqa: S101
         R, z, lag = self._follow(s), _shifted(s, coming), s.lag[0]
         M, n = len(z), len(lag)
@@ -171,7 +171,7 @@ class EffectOutlook:
 
 
 def _own(s: EffectStanding, coming: Coming) -> Floats:
-    """Rates (M,) by the heat of cells that no current makes."""
+    """Rates (M,) from the heat of cells that no current makes."""
     assert s.tangent is not None  # noqa: S101 - of a string that is available
     return np.asarray(s.tangent.jacobian.B_q @ coming.heat[0], dtype=np.float64)
 

@@ -1,4 +1,4 @@
-r"""How the estimate moves with the parameters it was made with: J = ∂x̂/∂ ln θ, carried along with the observer.
+r"""Sensitivity of the estimate to its parameters, J = ∂x̂/∂ ln θ, advanced along with the observer.
 
 Differentiating predict and update with the gain held,
 
@@ -6,10 +6,10 @@ Differentiating predict and update with the gain held,
     J^- = A\,(J + \tfrac{\Delta t}{2} F) + \tfrac{\Delta t}{2} F, \quad F = \partial f/\partial \ln\theta, \qquad
     J^+ = J^- - K\,[(1-w) C J^- + w C J]
 
-with f the rate of change in the middle of the step; the trapezium is off by (Δt·pole)²/12, 0.1 % here. Each column
-of F is a flow of heat that the model already knows: scaling R_c by 1 + ε changes the flow through it by −ε times
-itself. Nothing is re-discretised, and a new covariance Σ of ln θ needs no new run: the share of the parameters in the
-band is J Σ Jᵀ.
+with f the rate of change in the middle of the step; the trapezium has an error of (Δt·pole)²/12, 0.1 % here. Each
+column of F is a heat flow that the model already knows: scaling R_c by 1 + ε changes the flow through it by −ε times
+itself. Nothing is re-discretised, and a new covariance Σ of ln θ needs no new run: the parameters' part of the band is
+J Σ Jᵀ.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from bms_gateway.observe.model import OFFSETS, Ints, StackedModel, scaled, usabl
 from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange, film
 
 PARAMETERS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f", "heat")
-"""Columns of J, each common to the cells of a string. `heat` scales heat that was not made from I²R_e."""
+"""Columns of J, each common to the cells of a string. `heat` scales measured heat, which was not computed as I²R_e."""
 
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
@@ -41,7 +41,7 @@ class Flows:
     M, m : ndarray (S, n, n), (S, n)
         Coolant path T_f = M T_s + m T_f_in.
     de : ndarray (S, n)
-        (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 where the stream does not warm up.
+        (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 if the stream does not warm up.
     by_R_u, by_C_f : ndarray (S, n)
         Relative slope of `film` by ln R_u and by ln C_f: −1 and 0 for the bulk node.
 
@@ -82,7 +82,7 @@ class Flows:
 
     def coolant(self, x: Floats, inlet: Floats) -> Floats:
         """Coolant at each cell (S, n), °C, for states `x` (S, M) and the measured `inlet` (S,)."""
-        T_s, T_in = x[:, 1:-OFFSETS:2], inlet + x[:, -2]
+        T_s, T_in = x[:, 1 : 2 * self.C_c.shape[1] : 2], inlet + x[:, -2]
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None], dtype=np.float64)
 
     def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
@@ -95,14 +95,15 @@ class Flows:
         electric : ndarray (S, n), W
             Heat made from I²R_e.
         given : ndarray (S, n), W
-            Heat measured otherwise; 0 where it is made from I²R_e.
+            Measured heat; 0 where heat is computed as I²R_e.
         inlet : ndarray (S,), °C
 
         Returns
         -------
         ndarray (S, M, p), K/s
         """
-        T_c, T_s = x[:, 0:-OFFSETS:2], x[:, 1:-OFFSETS:2]
+        N = 2 * self.C_c.shape[1]
+        T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
         out = (T_c - T_s) / self.R_c
         T_f = self.coolant(x, inlet)
         over = T_s - T_f
@@ -114,9 +115,11 @@ class Flows:
         warmed = np.matmul(self.M, (self.de * over)[:, :, None])[:, :, 0] * self.film
         heat = electric + given + x[:, -1:]
         F = np.zeros((*x.shape, len(PARAMETERS)))
-        core, surface = F[:, 0:-OFFSETS:2], F[:, 1:-OFFSETS:2]
+        core, surface = F[:, 0:N:2], F[:, 1:N:2]
         core[:, :, 0] = (out - heat) / self.C_c
         surface[:, :, 1] = (cooled - out - conducted) / self.C_s
+        if x.shape[1] > N + OFFSETS:
+            surface[:, :, 1] -= x[:, N:-OFFSETS] / self.C_s
         core[:, :, 2] = electric / self.C_c
         core[:, :, 3] = out / self.C_c
         surface[:, :, 3] = -out / self.C_s
@@ -133,7 +136,7 @@ class Flows:
         return Flows(*(getattr(self, f.name)[at] for f in fields(self)))
 
     def exchanged(self, at: Ints, part: "Flows") -> "Flows":
-        """Exchange the strings `at` for those of `part`."""
+        """Replace the strings `at` by those of `part`."""
 
         def mixed(mine: Floats, new: Floats) -> Floats:
             changed = mine.copy()
@@ -184,7 +187,7 @@ def bridged(
     Returns
     -------
     ndarray (S, M, p)
-        By central differences of the whole step: a step so long has no middle to take the forcing in.
+        By central differences of the whole step, because so long a step has no middle that represents it.
     """
     J = np.matmul(over(parameters).A, J)
     still = np.zeros((len(x), len(parameters[0].R_e)))

@@ -1,9 +1,9 @@
-"""What readings of some cell among several say: judged by signal, not by the cell that a signal is taken for.
+"""Innovations of signals that belong to one of several cells: judged per signal, not per cell.
 
-A signal that is the greatest, least or mean surface of several cells goes from cell to cell. Its noise and its steps
-are those of one signal, and so is the average of its innovations. Judged by cell, it would be a thermocouple that is
-read for seconds only, whose steps are not known. A coarse reading that stands still while the model moves on would then
-look like heat within the cell. What is odd about a signal belongs to the core of the cell that it is then taken for.
+A signal that is the greatest, least or mean surface of several cells changes from cell to cell. Its noise and its steps
+are those of one signal, and so is the average of its innovations. Judged per cell, it would look like a thermocouple
+that is read for seconds only and whose steps are not known. A coarse constant reading would then look like heat within
+the cell while the model moves on. Odd innovations of a signal belong to the core of the cell assigned at the time.
 
 Beyond Lin et al., who have a thermocouple for each sensed cell.
 """
@@ -34,12 +34,12 @@ class StatisticSurprise:
     dt : float, s
         Step.
     noise : float, K
-        White noise of a reading, as the filter has it.
+        White noise of a reading, as in the filter.
     """
 
     def __init__(self, parameters: Sequence[StringParameters], sensors: Ints, dt: float, noise: float) -> None:
         self._sensors, self._m = sensors, sensors.shape[1]
-        # behind the cells' own thermocouples come the readings, whose cell is told in each step
+        # after the cells' own thermocouples come the readings whose cell is assigned in each step
         self._of = Surprise(parameters, np.pad(sensors, ((0, 0), (0, READINGS))), dt, noise)
         self._at = np.full((len(sensors), READINGS), -1)
         self._said = np.full(self._at.shape, np.nan)
@@ -49,11 +49,11 @@ class StatisticSurprise:
         self._of.set_parameters(parameters)
 
     def settle(self, s: int) -> None:
-        """Let string `s` find the state that fits other numbers."""
+        """Give string `s` time to find the state that fits new numbers."""
         self._of.settle(s)
 
     def assign(self, source: NDArray[np.int8], said: Floats) -> None:
-        """Tell, before a step, which reading each of the n cells has (S, n), and what it said (S, n), °C."""
+        """Set, before a step, which reading each of the n cells has (S, n), and its value (S, n), °C."""
         source = np.take_along_axis(source, self._sensors, axis=1)
         said = np.take_along_axis(said, self._sensors, axis=1)
         for r in range(READINGS):
@@ -64,7 +64,7 @@ class StatisticSurprise:
             self._said[:, r] = np.where(there, said[np.arange(len(at)), at], np.nan)
 
     def step(self, y: Floats, value: Floats, sd: Floats, known: Floats, inputs: Bools, inlet: Floats) -> Floats | None:
-        """Take in the innovations of a step; see `Surprise.step`."""
+        """Use the innovations of a step; see `Surprise.step`."""
         cells = np.take_along_axis(self._sensors, np.maximum(self._at, 0), axis=1)
         self._of.move(np.concatenate((self._sensors, cells), axis=1))
         value, sd, known = (self._parted(a) for a in (value, sd, known))
@@ -78,7 +78,7 @@ class StatisticSurprise:
         return whole
 
     def rounded(self, sd: Floats) -> Floats:
-        """Widen what innovations should be, `sd` (S, m), by the steps of readings that noise does not blur."""
+        """Widen standard deviations `sd` (S, m) of innovations by the steps of readings that noise does not blur."""
         wide = self._of.rounded(self._parted(sd))
         out = wide[:, : self._m].copy()
         row, r = (self._at >= 0).nonzero()
@@ -86,7 +86,7 @@ class StatisticSurprise:
         return out
 
     def _parted(self, values: Floats) -> Floats:
-        """Put values (S, m) of cells at the readings that these have; NaN elsewhere."""
+        """Move values (S, m) from the cells to the readings assigned to them; NaN elsewhere."""
         row, r = (self._at >= 0).nonzero()
         at = self._at[row, r]
         out = np.full((len(values), self._m + READINGS), np.nan)
@@ -100,12 +100,12 @@ class StatisticSurprise:
         return {"of_readings": self._of.snapshot()}
 
     def restored(self, snapshot: Mapping[str, Any] | None) -> "StatisticSurprise":
-        """Make one like this from a snapshot; None, and one that was made by cell, know nothing yet.
+        """Create an object like this from a snapshot; None, or a snapshot by cell, starts without knowledge.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none of as many cells.
+            `snapshot` is not a snapshot of as many cells.
         """
         new = copy(self)
         new._of = self._of.restored(None if snapshot is None else snapshot.get("of_readings"))
@@ -120,5 +120,5 @@ def surprise_of(
     noise: float,
     several: bool,
 ) -> Surprise | StatisticSurprise:
-    """Build the check of an observer; `several` where readings may be of some cell among several."""
+    """Create the check of an observer; `several`: readings may belong to one of several cells."""
     return (StatisticSurprise if several else Surprise)(parameters, sensors, dt, noise)

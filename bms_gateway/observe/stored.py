@@ -1,15 +1,15 @@
-"""Arrays as JSON-able values and back, to the last bit."""
+"""Arrays as JSON-able values and back, exact to the last bit."""
 
 from typing import Any
 
 import numpy as np
 
 FARTHEST = 1e12
-"""Beyond every number of a state, squares of them and sums of such squares too: up to 2e7 after hours of driving."""
+"""Above all numbers of a state, their squares and sums of such squares: these reach 2e7 after hours of driving."""
 
 
 def plain(a: np.ndarray) -> Any:
-    """Give lists of numbers; None for what is not finite."""
+    """Convert to lists of numbers; None for what is not finite."""
     if a.dtype.kind == "f" and not np.isfinite(a).all():
         blank = a.astype(object)
         blank[~np.isfinite(a)] = None
@@ -23,12 +23,12 @@ def like(value: Any, model: np.ndarray) -> np.ndarray:
     Raises
     ------
     ValueError
-        Other numbers, or none that anything of a vehicle has.
+        The numbers have another shape, or are larger than those of any vehicle.
     TypeError
-        No numbers at all.
+        The values are not numbers.
     """
     a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
-    if a.shape == (0,) and not model.size:  # lists without a number do not tell their depth
+    if a.shape == (0,) and not model.size:  # lists without a number do not show their depth
         a = a.reshape(model.shape)
     if a.shape != model.shape:
         raise ValueError(f"shape {a.shape} where {model.shape} is needed")

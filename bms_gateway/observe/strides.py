@@ -1,13 +1,13 @@
-r"""Many steps of the covariance at once, exactly, while the same readings keep coming.
+r"""Many steps of the covariance at once, exactly, while the same readings come.
 
-With the readings of a step written as functions of the state one step before, H = (1−w) C A + w C, and what their noise
-shares with that of the state taken out, one step of the filter is
+Let the readings of a step be functions of the state one step before, H = (1−w) C A + w C, with the part of their noise
+that they share with the state removed. One step of the filter is then
 
 .. math::
     P' = N + E\,P\,(I + G\,P)^{-1} E^T
 
-with E the closed loop's own transition, G the information that the readings bring and N what remains of the noise.
-Two such steps are one of the same form, so that 2^k steps cost k products instead of 2^k.
+with E the closed loop's transition, G the information of the readings and N the remaining noise. Two such steps have
+the same form, so that 2^k steps cost k products instead of 2^k.
 
 References
 ----------
@@ -69,9 +69,9 @@ class Stride:
         return cls(E, _symmetric(np.matmul(H.swapaxes(1, 2), both[:, :, :M])), _symmetric(N))
 
     def doubled(self) -> "Stride":
-        """Twice as many steps."""
+        """Return a stride of twice as many steps."""
         E, M = self.E, self.E.shape[1]
-        # M right sides and more: the inverse and a product cost half of what solving does
+        # with M or more right sides, the inverse and a product cost half of a solve
         X = np.linalg.inv(np.eye(M) + np.matmul(self.N, self.G))
         EX, XE, transposed = np.matmul(E, X), np.matmul(X, E), E.swapaxes(1, 2)
         N = self.N + np.matmul(np.matmul(EX, self.N), transposed)
@@ -79,15 +79,15 @@ class Stride:
         return Stride(np.matmul(E, XE), _symmetric(G), _symmetric(N))
 
     def advance(self, P: Floats) -> Floats:
-        """Covariances `P` (S, M, M) so many steps later."""
+        """Covariances `P` (S, M, M) after the steps of the stride."""
         closed = np.linalg.solve(np.eye(P.shape[1]) + np.matmul(P, self.G), P)
         return _symmetric(self.N + np.matmul(np.matmul(self.E, closed), self.E.swapaxes(1, 2)))
 
 
 class Ladder:
-    """Strides of 2^k steps that were made before: while the same readings keep coming they are wanted again.
+    """Strides of 2^k steps that are kept: they are needed again while the same readings come.
 
-    It holds nothing that could not be made anew, bit for bit.
+    All its content could be made anew, bit for bit.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Ladder:
         self._level, self._pattern = np.full(strings, -1), np.zeros((strings, readings), np.int64)
 
     def forget(self, at: Ints) -> None:
-        """Strings `at` have other parameters from now on."""
+        """Discard the strides of the strings `at`, whose parameters have changed."""
         self._level[at] = -1
 
     def advanced(self, P: Floats, at: Ints, pattern: Ints, count: Ints, one: Callable[[Ints, Ints], Stride]) -> Floats:
@@ -110,7 +110,7 @@ class Ladder:
         ----------
         P : ndarray (s, M, M)
         at, count : ndarray of int (s,)
-            Which strings, and how many steps each, at least 1.
+            Which strings, and the number of steps of each, at least 1.
         pattern : ndarray of int (s, m + 2)
             Readings in these steps.
         one : callable
@@ -136,7 +136,7 @@ class Ladder:
             self._level[low] += 1
 
     def _of(self, at: Ints) -> Stride:
-        if len(at) == len(self._level):  # all, in their order: no copies
+        if len(at) == len(self._level):  # all strings in their order: no copies
             return self._made
         return Stride(self._made.E[at], self._made.G[at], self._made.N[at])
 

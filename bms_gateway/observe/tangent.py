@@ -1,4 +1,4 @@
-r"""A string with effects, its disturbances included, as a linear system about one point.
+r"""A string with effects and its disturbances as a linear system about one point.
 
 With z = [X, b_f, b_q] the state of the string, the inlet's offset and the common heat offset (as in `model`),
 
@@ -6,8 +6,8 @@ With z = [X, b_f, b_q] the state of the string, the inlet's offset and the commo
     \dot z = f(z, u), \qquad \dot b = -b/\tau, \qquad A = \partial f/\partial z, \qquad
     \Phi = e^{A \Delta t}, \quad \Gamma = \int_0^{\Delta t} e^{A s} ds
 
-one step is z⁺ = z + Γ f(z, ū): exact for a linear string, of second order with the Jacobian of the moment, and exact at
-rest with any (M. Hochbruck, A. Ostermann, Exponential integrators, Acta Numerica 2010, the Rosenbrock–Euler method).
+one step is z⁺ = z + Γ f(z, ū): exact for a linear string, of second order with the present Jacobian, and exact at rest
+with any (M. Hochbruck, A. Ostermann, Exponential integrators, Acta Numerica 2010, the Rosenbrock–Euler method).
 """
 
 from dataclasses import dataclass, field, replace
@@ -58,7 +58,7 @@ class Jacobian:
 
 
 def jacobian(system: System, z: Floats, correlation: float) -> Jacobian:
-    """Differentiate about the state `z` (D + 2,) under the one interval of the system: one call each.
+    """Differentiate at the state `z` (D + 2,) under the one interval of the system: one call each.
 
     Parameters
     ----------
@@ -80,14 +80,14 @@ def jacobian(system: System, z: Floats, correlation: float) -> Jacobian:
     A[:D, : D + 1], A[:D, D + 1], B_q[:D] = slope[:, : D + 1], slope[:, D + 1 :].sum(axis=1), slope[:, D + 1 :]
     A[D, D] = A[D + 1, D + 1] = -1.0 / correlation
     H[:, : D + 1] = seen[:, : D + 1]
-    # an effect that cannot tell without what is missing has no slope
+    # an effect that lacks an input has no slope
     return Jacobian(*(np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in (A, B_q, H)))
 
 
 def heated(j: Jacobian, system: System, z: Floats) -> Jacobian:
-    """Let the offset of heat act as a current's heat does: more where resistance is, by whatever the model knows of it.
+    """Let the offset of heat act like the heat of a current: more where resistance is higher in the model.
 
-    Where a current makes no heat of its own, because the model takes it from the voltage, it acts on all cores alike.
+    If the model computes the heat from the voltage and not from the current, the offset acts on all cores alike.
     """
     X, one = z[None, :-OFFSETS], np.full(1, 1.0 / float(np.mean(system.v.string.R_e)))
     now = replace(system, v=disturbed(system.v, z[-OFFSETS:]))
@@ -110,7 +110,7 @@ class Tangent:
     disturbance : Disturbance
     dt : float, s
     made : dict
-        Noise gathered over the step, by what was measured in it: made when first asked for.
+        Noise integrated over the step, by which inputs were measured in it; computed when first needed.
     """
 
     Phi: Floats
@@ -122,7 +122,7 @@ class Tangent:
 
     @classmethod
     def of(cls, j: Jacobian, dt: float, disturbance: Disturbance) -> "Tangent":
-        """Discretise."""
+        """Discretise the Jacobian."""
         M = len(j.A)
         F = np.zeros((2 * M, 2 * M))
         F[:M, :M], F[:M, M:] = j.A * dt, np.eye(M) * dt
@@ -135,7 +135,7 @@ class Tangent:
         return self.jacobian.H
 
     def noise(self, inlet_known: bool, current_known: bool) -> Floats:
-        """Covariance (D + 2, D + 2) of what disturbs a step in which inlet and current were measured, or were not."""
+        """Covariance (D + 2, D + 2) of the noise of a step in which inlet and current were, or were not, measured."""
         which = inlet_known, current_known
         if which not in self.made:
             W = self.intensity(inlet_known=inlet_known, current_known=current_known)

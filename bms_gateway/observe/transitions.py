@@ -1,4 +1,4 @@
-r"""Matrices that carry a string some minutes ahead: made once per set of parameters, used at every forecast.
+r"""Matrices that carry a string some minutes ahead: made once per set of parameters, used in every forecast.
 
 With the rates A (M, M) of a string and its offsets (`model`), z' = A z + g for a constant g,
 
@@ -6,7 +6,7 @@ With the rates A (M, M) of a string and its offsets (`model`), z' = A z + g for 
     z(h) = \Phi_h z + \Gamma_h g, \quad \Phi_h = e^{A h}, \quad \Gamma_h = \int_0^h e^{A s} ds, \quad
     Q_h = \int_0^h e^{A s} W e^{A^T s} ds
 
-for the steps of `ahead.PATH`; longer steps are put together from shorter ones,
+for the steps of `ahead.PATH`; longer steps are composed of shorter ones,
 :math:`\Gamma_{a+b} = \Gamma_a + \Phi_a \Gamma_b`, :math:`Q_{a+b} = \Phi_b Q_a \Phi_b^T + Q_b`.
 
 References
@@ -25,12 +25,12 @@ from bms_gateway.thermal import Floats, gathered_noise
 from bms_gateway.thermal.exponential import exponential
 
 SEGMENTS = tuple(zip((0, *ENDS), ENDS, strict=False))
-"""Steps between which sensitivities are carried in one go."""
+"""Steps over which sensitivities are carried at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """One length of time: transition, its integral, and the noise gathered, (M, M) each."""
+    """One length of time: transition, its integral, and the integrated noise, (M, M) each."""
 
     Phi: Floats
     Gamma: Floats
@@ -53,20 +53,20 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Everything that one string's forecast multiplies with.
+    """All matrices of one string's forecast.
 
     Attributes
     ----------
     path : ndarray (K, M, M + g)
-        State at the steps of `PATH` by the state of now and the g inputs.
+        State at the steps of `PATH` by the present state and the g inputs.
     Phi : ndarray (H, N, M)
-        Temperatures at `ENDS` by the state of now; N = 2n.
+        Temperatures at `ENDS` by the present state; N = 2n.
     Q : ndarray (3, H, n), K²
-        Variances of cores and surfaces, and their covariance, gathered on the way.
+        Variances of cores and surfaces, and their covariance, integrated from now on.
     carry, gather : ndarray (H, M, M)
         Φ and Γ of the segments between `ENDS`.
     by_path, by_now : ndarray (n, K, K + 1), (n, K)
-        Lag of the rolls' profiles at `PATH` by the differences core to surface on the way, and by the lag of now.
+        Lag of the rolls' profiles at `PATH` by the differences core to surface on the way, and by the present lag.
     """
 
     path: Floats
@@ -79,7 +79,7 @@ class Reach:
 
     @classmethod
     def of(cls, A: Floats, B: Floats, W: Floats, tau: Floats) -> "Reach":
-        """Make it of rates `A` (M, M), inputs `B` (M, g), noise `W` (M, M), and time constants of rolls (n,), s."""
+        """Build it from rates `A` (M, M), inputs `B` (M, g), noise `W` (M, M), and time constants of rolls (n,), s."""
         n, M = len(tau), len(A)
         made = {1: Span.of(A, W, STEP_S)}
 
@@ -108,7 +108,7 @@ class Reach:
 
 
 def _lags(tau: Floats) -> tuple[Floats, Floats]:
-    """Weights of a first-order lag with time constants `tau` (n,) of what goes straight between the instants of a path.
+    """Weights of a first-order lag with time constants `tau` (n,), for an input linear between the instants of a path.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def course(path: Floats, now: Floats, lag: Floats, by_path: Floats, by_now: Floa
     path : ndarray (S, K, M)
     now : ndarray (S, M)
     lag : ndarray (S, n), K
-        Of now.
+        Present lag.
     by_path, by_now : ndarray (S, n, K, K + 1), (S, n, K)
     """
     n = lag.shape[1]

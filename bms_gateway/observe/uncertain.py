@@ -1,6 +1,6 @@
-"""The uncertain numbers of a string with effects: which they are, how they vary, and how together.
+"""The uncertain numbers of a string with effects, and their covariance.
 
-Beyond Lin et al., whose observer holds its parameters for exact.
+Beyond Lin et al., whose observer treats its parameters as exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics, with_effect
 
 STEP = 0.01
-"""Finite differences step by this share of a number's standard deviation: above rounding, below curvature."""
+"""Step of finite differences as a share of a number's standard deviation: above rounding, below curvature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class Uncertain:
     key, parameter : str
         The effect's key and parameter; the key is empty for a symbol.
     log : bool
-        Known in per cent: everything about it is in its logarithm.
+        Known in per cent: all fields then belong to its logarithm.
     step : float
-        Of the finite differences, SI or of the logarithm; negative where the other side is out of bounds.
+        Of the finite differences, SI or of the logarithm; negative if a positive step is out of bounds.
     """
 
     name: str
@@ -63,7 +63,7 @@ class EffectNumber:
 
 
 def effect_numbers(model: StringModel, v: Numbers, numbers: Sequence[Uncertain], cov: Floats) -> list[EffectNumber]:
-    """List the numbers of a model's effects as they are in force, in the model's order; sd 0 where one is exact."""
+    """List the numbers of a model's effects in force, in the model's order; sd 0 for exact ones."""
     sd = dict(zip((u.name for u in numbers), np.sqrt(np.diag(cov)).tolist(), strict=True))
     found = []
     for added in model.effects:
@@ -74,13 +74,13 @@ def effect_numbers(model: StringModel, v: Numbers, numbers: Sequence[Uncertain],
 
 
 def uncertain(model: StringModel) -> tuple[tuple[Uncertain, ...], Floats]:
-    """List what the model does not hold for exactly known, and its covariance.
+    """List the numbers that the model does not know exactly, and their covariance.
 
     Returns
     -------
     numbers : tuple of Uncertain
     covariance : ndarray (p, p)
-        Of the logarithms, or of the SI values where a number is not known in per cent.
+        Of the logarithms, or of the SI values for a number that is not known in per cent.
     """
     found, sd = [], []
     for symbol, prior in model.priors.items():
@@ -115,7 +115,7 @@ def _correlation(model: StringModel, names: Sequence[str]) -> Floats:
 def log_change(
     old: Mapping[str, float | Floats], new: Mapping[str, float | Floats], numbers: Sequence[Uncertain]
 ) -> Floats:
-    """Mean change (p,) of the string's own numbers in their logarithm; 0 for those of effects."""
+    """Mean change (p,) of the logarithms of the string's own numbers; 0 for those of effects."""
     out = np.zeros(len(numbers))
     for j, u in enumerate(numbers):
         if not u.key:
@@ -124,13 +124,13 @@ def log_change(
 
 
 Memories = Mapping[str, Mapping[str, Floats]]
-"""Memories of the effects that remember: under "" as the numbers are, under a number's name with that one moved."""
+"""Memories of effects: under "" with the present numbers, under a number's name with that number moved."""
 
 
 def forcing(
     physics: Physics, v: Numbers, numbers: Sequence[Uncertain], u: Drive, states: Floats, carries: Memories
 ) -> tuple[Floats, dict[str, dict[str, Floats]]]:
-    """Differentiate the rates by the uncertain numbers, in the mean over some steps.
+    """Differentiate the rates by the uncertain numbers, as a mean over some steps.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ def forcing(
     u : Drive
         The steps' inputs.
     states : ndarray (N, M)
-        Where the string was, offsets last.
+        State in these steps, offsets last.
     carries : mapping
         At the beginning.
 
     Returns
     -------
     F : ndarray (M, p)
-        Zero for the offsets, and where an effect cannot tell.
+        Zero for the offsets, and where an effect lacks an input.
     moved : dict
         Memories with one number moved, at the end.
     """

@@ -1,12 +1,12 @@
-"""What is not known of a time in which nobody looked: the gateway was off, and the vehicle may have driven on or stood.
+"""Uncertainty after an unseen time: the gateway was off, and the vehicle may have driven on or stood.
 
-While the bus sleeps no current flows; while the gateway is off it may. As most restarts come while driving, and most
-long gaps from parking, the heat of the last minutes is expected to go on and to die away with the correlation time of
-heat errors, with a standard deviation within which both nothing at all and a hard climb lie.
+While the bus sleeps no current flows; while the gateway is off it may. Most restarts come while driving, and most long
+gaps from parking. Therefore the heat of the last minutes is expected to continue and to decay with the correlation time
+of heat errors. Its standard deviation covers both no heat and a hard climb.
 
-Where even the length of the time is not known, because the clock is not to be believed, a string that was just left and
-one that has rested are taken for equally likely: their mean, and half their distance as standard deviation beside what
-either leaves open.
+If even the length of the time is unknown, because the clock cannot be trusted, two strings are equally likely: one that
+was just left and one that has rested. The estimate is their mean, and half their distance is a standard deviation in
+addition to those of both.
 """
 
 from collections.abc import Mapping
@@ -20,38 +20,37 @@ from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Disturbance, Floats
 
 JUST_LEFT_S = 60.0
-"""Shortest time to be reckoned with where it is not known: a state is saved once a minute."""
+"""Shortest unknown time: a state is saved once a minute."""
 SPREAD, BURST, BURST_S = 1.2, 0.6, 120.0
-"""Spread of the heat of a time unseen, as a share of its mean over ten minutes, and how much wider it is over a
-shorter one. Over 20 s the heat is off by 0.8 to 1.8 of that mean (root mean square; four trips of an electric car,
-three cycles), but one time in a hundred by 5: a band of Gaussian shape has to allow for that. Over ten minutes it is
-off by 0.5 to 1.2."""
+"""Standard deviation of the heat of an unseen time, as a share of its mean over ten minutes, and its increase over a
+shorter time. Over 20 s the error of the heat is 0.8 to 1.8 of that mean (root mean square; four trips of an electric
+car, three cycles), but 5 in one of a hundred times: a Gaussian band has to allow for that. Over ten minutes it is 0.5
+to 1.2."""
 RESTED_S = 86_400.0
 """After a day any string is at rest."""
 
 
 FULL = 0.999
-"""A mean that rests on so much of its time is taken to rest on all of it."""
+"""A mean over this share of its time counts as full."""
 
 
 MOST_USUAL = 1e7
-"""A² of 3 kA, more than any current sensor shows, and far beyond any heat, W, of a string."""
+"""A² of 3 kA, more than any current sensor shows, and far above any heat, W, of a string."""
 
 
 class Usual(NamedTuple):
-    """What usually flows: the mean over the last minutes, and over all there is while that is less.
+    """Usual heat or current: the mean over the last minutes, or over the time seen so far if that is shorter.
 
-    Did it slide from nothing, a restart in the first minutes of a drive would take its heat for a fraction of what it
-    is.
+    A mean that started from zero would be far too small at a restart in the first minutes of a drive.
 
     Attributes
     ----------
     mean : ndarray (S, …)
-        Heat or currents of S strings; 0 before anything was seen.
+        Heat or currents of S strings; 0 before the first step.
     weight : ndarray (S, 1)
-        How much of the time that the mean stands for was seen, 0 to 1.
+        Seen share of the averaging time, 0 to 1.
     full : bool
-        Whether all of it was, in every string.
+        Whether all of it was seen, in every string.
     """
 
     mean: Floats
@@ -60,19 +59,19 @@ class Usual(NamedTuple):
 
     @classmethod
     def nothing(cls, strings: int, width: int) -> "Usual":
-        """Give the mean of `width` numbers of each string of which nothing was seen yet."""
+        """Return a mean of `width` numbers per string before the first step."""
         return cls(np.zeros((strings, width)), np.zeros((strings, 1)))
 
     def after(self, now: Floats, share: float, known: ArrayLike = True) -> "Usual":
-        """Take in a step.
+        """Include a step.
 
         Parameters
         ----------
         now : ndarray (S, …)
         share : float
-            Of the mean's time that the step is.
+            Length of the step over the averaging time.
         known : bool or array of bool (S, 1)
-                Where nothing is known the mean stays.
+                Where False, the mean is kept.
         """
         if self.full and known is True:
             return Usual(self.mean + share * (now - self.mean), self.weight, True)
@@ -83,7 +82,7 @@ class Usual(NamedTuple):
         return Usual(mean, weight, bool((weight == 1.0).all()))
 
     def aged(self, share: float) -> "Usual":
-        """Let pass a time in which nobody saw what flowed: it counts for less, against what comes next."""
+        """Let a time pass whose current is not known: the earlier mean then counts less than what follows."""
         return Usual(self.mean, (1.0 - share) * self.weight)
 
     def snapshot(self) -> dict[str, Any]:
@@ -91,12 +90,12 @@ class Usual(NamedTuple):
         return {"usual": plain(self.mean), "usual_weight": plain(self.weight)}
 
     def restored(self, own: Mapping[str, Any]) -> "Usual":
-        """Return what `snapshot` told of a mean of this shape; states of before there were weights have seen it all.
+        """Return the mean of a snapshot; states of older versions have no weights: the weight is then full.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is of another shape, or holds what is not a number.
+            It has another shape, or holds values that are not numbers.
         """
         weight = own.get("usual_weight", np.ones_like(self.weight).tolist())
         mean, weight = like(own["usual"], self.mean), like(weight, self.weight)
@@ -106,27 +105,27 @@ class Usual(NamedTuple):
 
 
 def faded(elapsed_s: float, correlation_s: float) -> float:
-    """Tell how much of what was known has faded in so long, 0 to 1."""
+    """Share of earlier knowledge that is lost after this time, 0 to 1."""
     return -expm1(-elapsed_s / correlation_s)
 
 
 def at_work(usual: Floats | float, disturbance: Disturbance) -> Floats:
-    """Heat of cells in a drive, W: what it was in the last minutes, and no less than that of a cell at work.
+    """Heat of cells in a drive, W: the usual one of the last minutes, at least that of a cell at work.
 
-    After a calm stretch, or while the vehicle stands, little was seen of what may begin at any moment.
+    After a calm stretch, or while the vehicle stands, the last minutes do not show what may begin at any moment.
     """
     return np.maximum(usual, disturbance.heat_unknown)
 
 
 def spread(usual: Floats | float, gap_s: float, disturbance: Disturbance) -> Floats:
-    """Tell by how much a cell's mean heat over a time unseen is off that of the last minutes, W (sd)."""
+    """Return the sd, W, of a cell's mean heat over an unseen time about that of the last minutes."""
     return (SPREAD + BURST * exp(-gap_s / BURST_S)) * at_work(usual, disturbance)
 
 
 def opened(
     x: Floats, P: Floats, J: Floats, gap_s: float, usual: Floats | float, disturbance: Disturbance
 ) -> tuple[Floats, Floats, Floats]:
-    """Let the common heat, the last of a state's numbers, be what it usually was, give or take that of a drive.
+    """Set the common heat offset, the last state, to the usual heat with the uncertainty of a drive.
 
     Parameters
     ----------
@@ -136,7 +135,7 @@ def opened(
     J : ndarray (…, M, p)
         Sensitivities of `x`.
     gap_s : float, s
-        How long nobody looked.
+        Length of the unseen time.
     usual : ndarray (…), W
         Mean heat of a cell in the last minutes.
     disturbance : Disturbance
@@ -155,7 +154,7 @@ def opened(
 
 
 def either(a: Floats, P_a: Floats, b: Floats, P_b: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance where either of two states may be true.
+    """Mean and covariance if either of two states may be true.
 
     Parameters
     ----------
@@ -165,7 +164,7 @@ def either(a: Floats, P_a: Floats, b: Floats, P_b: Floats) -> tuple[Floats, Floa
     Returns
     -------
     x, P : ndarray
-        Moments of the even mixture.
+        Moments of the mixture with equal weights.
 
     Examples
     --------

@@ -24,7 +24,7 @@ def given_once(files: Iterable[Path]) -> None:
             size = file.stat().st_size if file.is_file() else 0  # a pipe can be read only once
             others = by_size.setdefault(size, []) if size else []
             same = next((other for other in others if filecmp.cmp(file, other, shallow=False)), None)
-        except OSError:  # told by whoever reads it
+        except OSError:  # the reader reports it
             continue
         if same is not None:
             copy = "" if same == file else f" has the same content as {same}"

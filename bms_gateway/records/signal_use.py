@@ -36,7 +36,7 @@ OTHER_UNITS: Final = {
     "current": (("mA", 1e-3, 0.0),),
     "voltage": (("mV", 1e-3, 0.0),),
 }
-"""Units in which a signal may be although its DBC says another one: SI = scale · what was taken for SI + offset."""
+"""Units that a signal may have instead of its unit in the DBC: right value = scale · value by the DBC + offset."""
 NOT_TAKEN: Final = "nothing is estimated from it with this config"
 
 

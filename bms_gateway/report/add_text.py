@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.diagnosis.error_words import course
-from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
+from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import errors_document, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
@@ -31,7 +31,7 @@ class Side:
     channels : tuple of ChannelError
     core : KnownCore
     checks : tuple of CoreCheck
-        Thermocouples in cores, which no fit has seen.
+        Thermocouples in cores that no fit has used.
     """
 
     errors: Errors
@@ -42,14 +42,14 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class AddReport:
-    """An addition as it is reported.
+    """An addition in the form of a report.
 
     Attributes
     ----------
     out : str
     added : tuple of Candidate
     written, forced : bool
-        Whether the model was written, and whether in spite of a reason not to.
+        Whether the model was written, and whether despite a reason against it.
     refused, remark : str
     log_odds : float
     before, after : Side
@@ -74,7 +74,7 @@ class AddReport:
 
     @property
     def held_K(self) -> tuple[float, float]:
-        """Error before and after where nothing was fitted."""
+        """Error before and after on readings that were not fitted."""
         return self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K
 
     @property
@@ -87,7 +87,7 @@ class AddReport:
 
     @property
     def names(self) -> str:
-        """Names of what is added, for a sentence."""
+        """Names of the added effects, for a sentence."""
         return " and ".join(c.key for c in self.added)
 
 
@@ -137,7 +137,7 @@ def _measured_core(c: CoreCheck) -> dict[str, Any]:
 
 
 def add_text(r: AddReport) -> str:
-    """Write what the addition did for people: errors, cores, numbers."""
+    """Write the result of the addition for people: errors, cores, numbers."""
     several = len(r.sources) > 1
     parts = [
         labelled(f"{r.tag}. {headline(r)}"),
@@ -148,6 +148,7 @@ def add_text(r: AddReport) -> str:
         core_text(r.after.core),
         *_core_errors(r, several),
         changes_table(r.changes),
+        *([remark] if (remark := numbers_remark(r.after.core)) else []),
     ]
     if r.remark:
         parts.append(labelled(r.remark))
@@ -196,7 +197,7 @@ def _cores(r: AddReport) -> str:
 
 
 def _core_errors(r: AddReport, several: bool) -> Iterator[str]:
-    """Say how the models agree with thermocouples in cores, to which nothing was fitted."""
+    """Say how the models agree with thermocouples in cores, which were not fitted."""
     if not r.after.checks:
         return
     rows = [

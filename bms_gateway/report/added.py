@@ -46,7 +46,7 @@ def added_report(
         addition.log_odds,
         before,
         after,
-        changes(addition.fits[1]),
+        changes(addition.fits[1], doubted=after.core.numbers_doubted),
         tuple(m.source for m in addition.after.problem.records),
         findings,
         notes,

@@ -15,7 +15,7 @@ from bms_gateway.thermal import KINDS
 
 @dataclass(frozen=True, slots=True)
 class CellsReport:
-    """Result of `fit --cells` as it is reported; `out` is the model file that was written."""
+    """Result of `fit --cells` in the form of a report; `out` is the written model file."""
 
     out: str
     source: str
@@ -54,7 +54,7 @@ def cells_document(r: CellsReport) -> dict[str, Any]:
 
 
 def cells_text(r: CellsReport) -> str:
-    """Write what was found for people."""
+    """Write the result for people."""
     fit, R_el = r.result.fit, r.result.resistance
     heard = [k + 1 for k, x in enumerate(R_el) if x == x]
     by = [f"surfaces of cells {ranges([k + 1 for k in fit.sensed])}"]

@@ -1,4 +1,4 @@
-"""Which column of a table is what, and in which unit: by its name, the unit in it or below it, and `--columns`."""
+"""Quantity and unit of each column of a table: by its name, the unit in it or below it, and `--columns`."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -51,10 +51,10 @@ _WRITTEN: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
 UNITS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = MappingProxyType(
     {**_WRITTEN} | {i.kind: {i.unit: (1.0, 0.0)} for i in INPUTS.values() if i.kind not in _WRITTEN}
 )
-"""Units in which a quantity may be written: unit → factor and shift to our own unit (s, A, V, °C, share, m³/s)."""
+"""Units of each quantity: unit → factor and shift to our own unit (s, A, V, °C, share, m³/s)."""
 OWN: Final = {i.kind: i.unit for i in INPUTS.values()} | {"time": "s", "soc": "share", "flow": "m³/s"}
 _ELSE: Final = re.compile(r"m?bar|psi|k?Pa|rpm|1/min|Nm|k?Wh?|m?Ah|km/h|km|m|k?g|Hz|m?Ohm")
-"""Units of quantities that are not used here: a column with such a unit is none of our quantities."""
+"""Units of quantities that are not used here; a column with such a unit is ignored."""
 _BASES: Final[dict[str, tuple[str, str]]] = {
     "time": ("time_s", "time"),
     **{q: (INPUTS[q].column, INPUTS[q].kind) for q in WHOLE},
@@ -63,33 +63,33 @@ _OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
 _CELL: Final = re.compile(rf"({'|'.join(CELL_COLUMNS)})_([1-9][0-9]{{0,5}})")
 _CELL_KIND: Final[dict[str, str]] = {**{q: INPUTS[q].kind for q in CELL}, "core": "temperature"}
 INLET: Final = INPUTS["coolant_inlet"].column
-"""Of all columns the one that may be a constant: chambers are often set, and not recorded."""
+"""The only column that may be a constant: the temperature of a chamber is often set, and not recorded."""
 _NUMBER: Final = re.compile(r"([-+\u2212]?\d{1,6}(?:[.,]\d{1,9})?)\s*\[?\s*([^\s\[\]\d][^\[\]]*?)?\s*\]?")
 _NO_WORDS: Final = frozenset(
     {"degC", "degF", "degK", "deg C", "deg F", "deg K", "m°C", "mdegC", "mK", "Celsius", "Fahrenheit", "Kelvin"}
     | {"mA", "kA", "uA", "µA", "mV", "kV"}
 )
-"""Units that are units wherever they stand last in a name; others must stand behind a comma or in brackets."""
+"""Words that are always units at the end of a name; other units must follow a comma or be in brackets."""
 LONGEST_UNIT: Final = 30
-"""Characters of what may be a unit in brackets."""
+"""Most characters of a possible unit in brackets."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Where one quantity of a table comes from.
+    """Source of one quantity of a table.
 
     Attributes
     ----------
     column : str
-        Name in the file; a minus before it flips the sign.
+        Name in the file; a minus before it changes the sign.
     factor, shift : float
         Table's unit = factor · value + shift.
     unit : str or None
-        As it is written, where it is written.
+        As written; None if there is none.
     date : str or None
-        Order of day and month as the user says it.
+        Order of day and month, if the user states it.
     constant : float or None
-        In our unit, where no column has the quantity; `column` is then how it was written.
+        In our unit, if no column has the quantity; `column` is then the text given by the user.
     """
 
     column: str
@@ -106,14 +106,14 @@ class Column:
 
 
 def quantity_of(name: str) -> str:
-    """Give the quantity of a column with one of our names, as a key of `UNITS`."""
+    """Return the quantity of a column with one of our names, as a key of `UNITS`."""
     if found := _CELL.match(name):
         return _CELL_KIND[found[1]]
     return next(quantity for ours, quantity in _BASES.values() if ours == name)
 
 
 def bare_unit(text: str) -> str:
-    """Take blanks and brackets off a cell that may be a unit."""
+    """Remove blanks and brackets from a cell that may be a unit."""
     return text.strip().strip("[]()").strip()
 
 
@@ -129,15 +129,15 @@ def find_columns(
     Parameters
     ----------
     path : object
-        What errors call the file.
+        Name of the file in errors.
     names : sequence of str
-        Of its columns.
+        Its column names.
     below : sequence of str, optional
         Row of units below them.
     mapped : mapping
         From `--columns`: our name to the file's.
     known : sequence of str
-        The ones of `names` that are exactly our names.
+        Those of `names` that are exactly our names.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def find_columns(
     Raises
     ------
     DataError
-        A mapping to no column, or a unit that its quantity does not have.
+        A mapping to a missing column, or a unit that does not belong to its quantity.
     """
     units = dict(zip(names, map(bare_unit, below), strict=True)) if below is not None else {}
     found = {ours: _mapped(path, ours, column, names, units) for ours, column in mapped.items()}
@@ -162,7 +162,7 @@ def find_columns(
 
 
 def _known(path: object, name: str, below: str | None) -> Column:
-    """Take a column with one of our names; a unit below it must not contradict the name."""
+    """Return a column with one of our names; a unit below it must not contradict the name."""
     if not below:
         return Column(name)
     quantity = quantity_of(name)
@@ -178,7 +178,7 @@ def _known(path: object, name: str, below: str | None) -> Column:
 
 
 def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] | None:
-    """Take a column with one of our names but another unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
+    """Return a column with one of our names but another unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
     base, unit = split_unit(name)
     key = re.sub(r"[\s-]+", "_", base.strip()).lower()
     ours = _OURS.get(key) or _BASES.get(key, (None, ""))[0]
@@ -197,7 +197,7 @@ def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] |
 
 
 def _suffixed(name: str) -> tuple[str, Column] | None:
-    """Take `current_mA`, `coolant_inlet_K`, `surface_3_F`, `soc_pct`."""
+    """Return `current_mA`, `coolant_inlet_K`, `surface_3_F`, `soc_pct`."""
     for base, (ours, quantity) in _BASES.items():
         if name.lower().startswith(base + "_") and (factors := _unit(quantity, name[len(base) + 1 :])):
             return ours, Column(name, *factors, name[len(base) + 1 :])
@@ -213,7 +213,7 @@ def _suffixed(name: str) -> tuple[str, Column] | None:
 
 
 def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: Mapping[str, str]) -> Column:
-    """Take the column that `--columns` names; its unit stands in brackets behind it, or below its name in the file."""
+    """Return the column named in `--columns`; its unit follows it in brackets, or is below its name in the file."""
     quantity = quantity_of(ours)
     bare = column if column in names else column.removeprefix("-")
     if bare in names:
@@ -246,7 +246,7 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
 
 
 def _constant(path: object, text: str) -> Column | None:
-    """Take a number with its unit as the temperature of an inlet that nobody recorded; °C where none is written."""
+    """Read a number with its unit (default °C) as the constant temperature of an inlet that was not recorded."""
     written = _NUMBER.fullmatch(text)
     factors = _unit("temperature", written[2] or "°C") if written else None
     if written is None or factors is None:
@@ -259,7 +259,7 @@ def _constant(path: object, text: str) -> Column | None:
 
 
 def _tail(name: str, quantity: str) -> str | None:
-    """Give the unit at the end of a name if it is clear: `I_mA`, `SOC_pct`; in `T_F` the F may mean a fluid."""
+    """Return the unit at the end of a name if it is clear: `I_mA`, `SOC_pct`; in `T_F` the F may mean a fluid."""
     end = name.rpartition("_")[2]
     return end if len(end) > 1 and end in UNITS[quantity] else None
 
@@ -298,7 +298,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 
 def _in_brackets(name: str) -> tuple[str, str] | None:
-    """Split a name that ends with something short in brackets, of either kind and with none within."""
+    """Split a name that ends with a short text in brackets of either kind, without brackets within."""
     if not name.endswith(("]", ")")):
         return None
     at = max(map(name[:-1].rfind, "[]()"))

@@ -33,7 +33,7 @@ def comparison_document(
         "filed": _variant(c.filed),
         "refitted": _variant(c.refitted),
         "closest": _variant(c.closest) if c.closest else None,
-        "parameters": [change_document(x) for x in changes(c.refitted.fit)],
+        "parameters": [change_document(x) for x in changes(c.refitted.fit, doubted=c.core.numbers_doubted)],
         "core": core_document(c.core),
         "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in findings],
         "notes": [{"table": s, "note": text} for s, text in notes],
@@ -125,7 +125,7 @@ def _column(x: np.ndarray) -> list[float | None]:
 
 
 def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]]) -> str:
-    """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
+    """Write a comparison for people: the findings, per sensor, per regime, and the cores."""
     several = len(c.sources) > 1
     parts = [*warned(findings, several), _variant_text(c.filed, several)]
     if {source for source, f in findings if f.severity == "stop"}.issuperset(c.sources):

@@ -1,5 +1,6 @@
-"""How well the cores are known, as a number and in words: always the same for one model and the same records."""
+"""Uncertainty of the cores, as a number and in words: always the same for one model and the same records."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,13 +8,21 @@ import numpy as np
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD
 from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
+WIDE_K = 10.0
+"""Half width of a band above which it is given in whole kelvins."""
 SEEN, USUAL = 0.5, 5.0
-"""Per cent of the readings outside the band below which none is told, and up to which the band allows them."""
+"""Per cent of the readings outside the band: below the first none is mentioned, up to the second the band allows
+them."""
+DOUBTFUL_NUMBERS = (
+    "The readings ask for more than this model has. Its numbers make up for that, and each may be off by many times "
+    "the sd that stands beside it."
+)
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 OUTSIDE = 0.1
@@ -30,18 +39,71 @@ def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]
         None if nothing can be learnt from the records; `otherwise` then says why.
     """
     if core is None:
-        return {"proven": False, "sd_K": None, "centre_sd_K": None, "why": [otherwise]}
-    return {"proven": core.proven, "sd_K": core.sd_K, "centre_sd_K": core.centre_sd_K, "why": list(core.why)}
+        return {"proven": False, "sd_K": None, "centre_sd_K": None, "why": [otherwise], "rests_on": None}
+    said = rests_on(core.unseen, core.unlike) or None
+    found = {"proven": core.proven, "sd_K": core.sd_K, "centre_sd_K": core.centre_sd_K, "why": list(core.why)}
+    return {**found, "rests_on": said}
+
+
+def half_width(half_K: float) -> str:
+    """Write the half width of a band, K, to no more digits than a band has a meaning.
+
+    Examples
+    --------
+    >>> half_width(1.404), half_width(35.28)
+    ('1.40', '35')
+    """
+    return number(half_K, 2 if half_K < WIDE_K else 0)
 
 
 def core_sentence(core: KnownCore) -> str:
-    """Say in a sentence how well the cores are known, and whether that is proven."""
+    """State in a sentence how well the cores are known, and whether this is proven."""
     half = core.half_width_K
     k = int(np.argmax(half))
     which = "the core" if len(half) == 1 else f"the core of cell {k + 1}, known least,"
     if core.proven:
-        return f"By these records {which} is known to ± {number(half[k])} K (95 %), and nothing speaks against it."
-    return f"{NOT_PROVEN.capitalize()}: {which} may be ± {number(half[k])} K off (95 %), or more."
+        told = f"By these records {which} is known to ± {half_width(half[k])} K (95 %), and nothing speaks against it."
+    else:
+        told = f"{NOT_PROVEN.capitalize()}: {which} may be ± {half_width(half[k])} K off (95 %), or more."
+    return f"{told} {rests_on(core.unseen, core.unlike)}".rstrip()
+
+
+def rests_on(unseen: Sequence[int], unlike: float) -> str:
+    """State the assumption for the bands of cells without a thermocouple; empty if all cells have one.
+
+    Parameters
+    ----------
+    unseen : sequence of int
+        These cells, from 1.
+    unlike : float
+        Relative sd of R_e from cell to cell in their bands.
+
+    Examples
+    --------
+    >>> rests_on((5,), 0.02)[:52]
+    'Cell 5 has no thermocouple: its band holds only wher'
+    """
+    if not unseen:
+        return ""
+    cells, have, their = cells_in_words(unseen), "have", "their bands hold"
+    if len(unseen) == 1:
+        have, their = "has", "its band holds"
+    return (
+        f"{cells[0].upper()}{cells[1:]} {have} no thermocouple: {their} only where R_e of all cells is the same to "
+        f"within {number(100.0 * unlike, 0)} % (1 sd), as the model file says."
+    )
+
+
+def numbers_remark(core: KnownCore) -> str:
+    """State the value of the numbers of a model that lacks something; empty without doubt about them."""
+    if core.numbers_doubted:
+        return DOUBTFUL_NUMBERS
+    if error_K := core.identified.model_error_K:
+        return (
+            f"The model was given an error of its own, {error_K:.2g} K over minutes: its numbers and their sd "
+            "allow for what it lacks, as far as a surface can tell."
+        )
+    return ""
 
 
 def core_text(core: KnownCore) -> str:
@@ -55,7 +117,7 @@ def outside(check: CoreCheck) -> bool:
 
 
 def thermocouple_sentence(check: CoreCheck) -> str:
-    """Say how far the model is from a thermocouple in a core to which it was not fitted."""
+    """State the error of a model against a thermocouple in a core that was not fitted."""
     said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
     share = 100.0 * (1.0 - check.covered)
     if share < SEEN:

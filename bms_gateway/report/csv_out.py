@@ -47,7 +47,7 @@ def seconds(time_ns: int) -> str:
 
 @dataclass(slots=True)
 class StringSummary:
-    """What the summary says of one string.
+    """Summary of one string.
 
     Attributes
     ----------
@@ -72,9 +72,9 @@ FILES = ("estimates.csv", "parameters.csv", "events.jsonl", "alerts.jsonl", "bro
 class ResultFolder:
     """Writes the events of a run into a folder; a context manager.
 
-    All files are written in a folder beside them, and get their places when the run has ended well. A run that fails
-    leaves the results of the earlier run unchanged. Both folders are held open: whoever may change names in the folder
-    of the results meanwhile, leads nothing to another place.
+    All files are first written in a folder beside them, and get their places when the run has succeeded. A run that
+    fails leaves the results of the earlier run unchanged. Both folders are held open, so that nobody can redirect the
+    results by changing names meanwhile.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ class ResultFolder:
                     self.directory.rmdir()
 
     def _put(self) -> None:
-        """Put all files in their places, or none where a folder is in the way."""
+        """Put all files in their places, or none if a folder is in the way."""
         for name in self._names:
             with suppress(FileNotFoundError):
                 if S_ISDIR(os.stat(name, dir_fd=self._at, follow_symlinks=False).st_mode):
@@ -249,7 +249,7 @@ def _new_folder(at: int, name: str) -> int:
     """Make a folder in an open one, and open it."""
     os.mkdir(name, 0o700, dir_fd=at)
     made = os.open(name, _OURS, dir_fd=at)
-    if os.fstat(made).st_uid != os.geteuid():  # somebody has put another one in its place
+    if os.fstat(made).st_uid != os.geteuid():  # another user has replaced it
         os.close(made)
         raise PermissionError(errno.EPERM, "another user changes its names")
     return made

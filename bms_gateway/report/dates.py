@@ -1,9 +1,9 @@
 """Times of a table that are not numbers: ISO and German dates, dates with slashes or names of months, times of day.
 
-All become s from row one.
+All become s from the first row.
 
 Two forms look alike and differ by months: 03/04/2026 is the third of April or the fourth of March. The rows decide
-between them, or the user is asked.
+between them; otherwise the user is asked.
 """
 
 import re
@@ -19,9 +19,9 @@ from bms_gateway.thermal import Floats
 __all__ = ["ASKED", "DateForm", "date_form"]
 
 ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
-"""What the user may state of a column of dates if its rows do not decide."""
+"""What the user may state for a column of dates if its rows do not decide."""
 _HALF: Final = r"\s*([AaPp])\.?\s?[Mm]\b\.?"
-"""AM or PM, a.m. or p.m.: behind a time of twelve hours."""
+"""AM or PM, a.m. or p.m., after a time of twelve hours."""
 _CLOCK: Final = rf"(\d{{1,2}}):(\d\d)(?::(\d\d)(?:[.,](\d{{1,9}}))?)?(?:{_HALF})?"
 _ISO: Final = re.compile(rf"(\d{{4}})[-/](\d\d)[-/](\d\d)(?:[T ]+{_CLOCK}\s*(Z|[+-]\d\d:?\d\d)?)?")
 _DOTS: Final = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
@@ -62,7 +62,7 @@ class DateForm:
 
     @property
     def halves(self) -> bool:
-        """Whether AM or PM stood behind one of the dates."""
+        """Whether one of the dates had AM or PM."""
         return self._halves
 
     @property
@@ -78,7 +78,7 @@ class DateForm:
         Raises
         ------
         ValueError
-            Holds the index of the cell that has another form.
+            Contains the index of the cell with another form.
         """
         out = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
@@ -95,7 +95,7 @@ class DateForm:
         return out
 
     def _after(self, at: datetime) -> datetime:
-        """Move a time of day behind the one before it, by the days whose midnight has passed."""
+        """Move a time of day after the previous one, by the days whose midnight has passed."""
         if self.kind != "clock" or self._last is None:
             return at
         beyond = self._last - at - _HALF_DAY
@@ -134,6 +134,16 @@ class DateForm:
         sign = -1 if zone[0] == "-" else 1
         offset = timedelta(hours=int(zone[1:3]), minutes=int(zone[-2:]))
         return (at.replace(tzinfo=UTC) - sign * offset).replace(tzinfo=None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """Cells in one order of day and month: times t, s, if all are valid dates, and how many of the first ones are."""
+
+    form: DateForm
+    t: Floats
+    valid: int
+    halves: bool
 
 
 def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str | None:
@@ -184,30 +194,31 @@ def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str 
 
 
 def _order(given: Sequence[str]) -> DateForm | str:
-    """Decide between day and month: all rows must be valid dates that go forward in steps of the same size."""
-    fits = []
-    twelve = False  # AM and PM are used where the month comes first
+    """Decide between day and month: all rows must be valid dates; if they are in both orders, time must go forward."""
+    read: list[_Read] = []
     for kind, how in (("day first", ASKED[0]), ("month first", ASKED[1])):
         form = DateForm(f"dates as {how}", kind)
         try:
-            t = form.seconds(given)
-        except ValueError:
-            continue
-        if len(t) < 2 or (np.diff(t) > 0).all():
-            fits.append((t, DateForm(form.name, kind)))
-            twelve |= form.halves
-    if len(fits) == 2 and not np.array_equal(fits[0][0], fits[1][0]) and not twelve:
-        fits = []
-    if not fits:
+            t, valid = form.seconds(given), len(given)
+        except ValueError as e:
+            t, valid = np.empty(0), int(e.args[0])
+        read.append(_Read(DateForm(form.name, kind), t, valid, form.halves))
+    most = max(r.valid for r in read)
+    fits = [r for r in read if r.valid == most]  # the reading of a cell that is no date in either order reports it
+    forward = [r for r in fits if (np.diff(r.t) > 0).all()]
+    fits = forward or fits  # the reading of a time that goes back in the only order reports it
+    usual = [r for r in fits if r.halves]  # AM and PM are used where the month comes first
+    unsettled = most < len(given) or not np.array_equal(fits[0].t, fits[-1].t)
+    if len(fits) == 2 and not usual and unsettled:
         return (
             f"{given[0]!r}: which is the day and which the month is not told by these rows; say it: "
             f"--columns 'time_s=COLUMN [{ASKED[0]}]'"
         )
-    return fits[-1 if twelve else 0][1]
+    return (fits[-1] if usual else fits[0]).form
 
 
 def _hour(written: str, half: str | None, text: str) -> int:
-    """Give the hour of the day, or of a clock that goes on beyond 24 h, of 12 hours where AM or PM stands behind it."""
+    """Return the hour of the day, of a clock beyond 24 h, or of 12 hours with AM or PM."""
     hour = int(written)
     if half is None:
         return hour

@@ -1,4 +1,4 @@
-"""Details that the page of a diagnosis shows and the terminal does not; for the command and for the workbench."""
+"""Details of a diagnosis that its page shows and the terminal does not; for the command and for the workbench."""
 
 from collections.abc import Callable, Sequence
 
@@ -24,7 +24,7 @@ def details_of(
         The model that was diagnosed.
     records : sequence of Record
     compared : callable
-        Gives the comparison of this model with these records; called only if there is a diagnosis.
+        Returns the comparison of this model with these records; called only if there is a diagnosis.
     """
     d = told.diagnosis
     if d is None:

@@ -24,40 +24,40 @@ from bms_gateway.report.words import labelled, named, named_all, parameter_named
 BAR = 12
 """Length of the longest evidence bar in characters; the table then still fits a terminal."""
 LINEAR = 100.0
-"""Log-odds up to which bars are in proportion; beyond, likely effects could not be seen beside a certain one."""
+"""Log-odds up to which bars are in proportion; beyond, likely effects would vanish beside a certain one."""
 SHOWN = 8
-"""Number of ranked effects in the text; JSON holds all."""
+"""Number of ranked effects in the text; JSON contains all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A diagnosis with all that is reported beside it.
+    """A diagnosis with everything that is reported with it.
 
     Attributes
     ----------
     diagnosis : Diagnosis or None
-        None where the records are insufficient.
+        None if the records are insufficient.
     sentence : str
     sources : tuple of str
     findings : tuple of (source, Finding)
         Findings of the checks, the worst of each record first.
     notes : tuple of (source, str)
-        What was bridged, left out or assumed when the records were read.
+        Values that were interpolated, left out or assumed when the records were read.
     absorbed : tuple of str
         Effects that a parameter of the model absorbs completely.
     next_experiment : str or None
     card : tuple of str
         Effects that these records could show, a line each.
     ranking : tuple of Standing
-        All hypotheses that were compared.
+        All compared hypotheses.
     core : KnownCore or None
-        Of the model as it is; None where nothing can be learnt from the records.
+        Of the present model; None if nothing can be learnt from the records.
     curve : Curve or None
-        dU/dT over the SOC, where entropic heat is named.
+        dU/dT over the SOC, if entropic heat is named.
     shows : Card or None
-        What `card` is taken from.
+        Source of `card`.
     experiment : Experiment or None
-        What `next_experiment` is taken from.
+        Source of `next_experiment`.
     """
 
     diagnosis: Diagnosis | None
@@ -153,7 +153,7 @@ def _curve(c: Curve) -> dict[str, Any]:
 
 
 def errors_document(e: Errors | None) -> dict[str, Any]:
-    """Return the errors of a model as documents hold them."""
+    """Return the errors of a model in the form of documents."""
     if e is None:
         return {"train_rmse_K": None, "heldout_rmse_K": None}
     return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(e.heldout_rmse_K)}
@@ -164,7 +164,7 @@ def _structure(e: Errors) -> dict[str, Any]:
 
 
 def numbers_document(numbers: Mapping[str, Number]) -> dict[str, Any]:
-    """Return numbers as documents hold them: value, sd and unit by name."""
+    """Return numbers in the form of documents: value, sd and unit by name."""
     return {name: {"value": finite(x.value), "sd": finite(x.sd), "unit": x.unit} for name, x in numbers.items()}
 
 
@@ -177,7 +177,7 @@ def diagnosis_text(told: Told) -> str:
     """Write a diagnosis for people, the verdict first."""
     d = told.diagnosis
     several = len(told.sources) > 1
-    # that the only record is useless stands in the sentence
+    # the sentence already says that the only record is useless
     doubts = [x for x in told.findings if d is not None or several or x[1].severity != "stop"]
     parts = [labelled(told.sentence), *warned(doubts, several)]
     if d is not None:
@@ -189,7 +189,7 @@ def diagnosis_text(told: Told) -> str:
             parts.append(_ranking(told.ranking, second=d.decided_by_second))
         parts.append(_errors(d))
         parts += [text for x in d.identified[:1] if (text := closer_numbers(x))]
-        # with one effect, the sentence has named it already
+        # with one effect, the sentence has already named it
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [
             labelled(f"These readings cannot tell {name} from {', '.join(others)}.") for name, others in tied.items()
@@ -209,7 +209,7 @@ def diagnosis_text(told: Told) -> str:
 
 
 def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[str]:
-    """Write what makes the data useless or doubtful; it stands before all conclusions from the data."""
+    """Write what makes the data useless or doubtful, before all conclusions from the data."""
     lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity != "note"]
     if lines:
         yield _listed("Look at the data first:", lines)
@@ -218,7 +218,7 @@ def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[s
 def told_aside(
     findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]], several: bool
 ) -> Iterator[str]:
-    """Write the other findings of the checks, and what was assumed while reading, with the names of several records."""
+    """Write the other findings of the checks, and assumptions while reading, with the names of several records."""
     lines = [
         (f"{source}: " if several else "") + f"{f.severity}: {f.sentence}"
         for source, f in findings
@@ -254,7 +254,7 @@ def _curve_text(c: Curve) -> str:
 
 
 WITH_SD = "± 1 sd"
-"""What stands behind ± in `with_sd`, for the head of a list or a table; bands are of 95 %, and say so."""
+"""Text after ± in `with_sd`, for the head of a list or a table; bands are of 95 %, and state it."""
 
 
 def number_lines(effects: Sequence[str], numbers: Mapping[str, Number]) -> list[str]:
@@ -266,7 +266,7 @@ def number_lines(effects: Sequence[str], numbers: Mapping[str, Number]) -> list[
 
 
 def with_sd(value: float, sd: float) -> str:
-    """Write a value with as many digits as its standard deviation has two of.
+    """Write a value with the digits of its standard deviation, which has two.
 
     Examples
     --------
@@ -281,14 +281,14 @@ def with_sd(value: float, sd: float) -> str:
 
 
 def placed(effect: str, cell: int | None) -> str:
-    """Name an effect with its cell, as `add` takes it."""
+    """Name an effect with its cell, in the form for `add`."""
     return effect if cell is None else f"{effect}:{cell}"
 
 
 CLOSEST = "errors are those of the search, the closest that each model comes to the readings"
-"""What the errors of a ranking are: effects are weighed by them, and a model that is stated has its own."""
+"""Meaning of the errors of a ranking: effects are compared by them, and the stated model has its own errors."""
 ROLES = {"named": "named", "tied": "or", "next": "next", "instead": "instead", "": ""}
-"""Of effects in a ranking, for people."""
+"""Words for the roles of effects in a ranking."""
 
 
 GROUPS = {
@@ -299,20 +299,21 @@ GROUPS = {
     "instead": "In place of what is named",
 }
 """Titles of the parts of a ranking, by role."""
+LOGARITHMIC = "bars are as long as the logarithm of their log-odds"
 LEAST_TOP = 10.0
-"""Log-odds that a bar of full length has at least."""
+"""Least log-odds of a bar of full length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a ranking whose bars are weighed against the same model, and so have one scale.
+    """A part of a ranking with one model of comparison for its bars, and so one scale.
 
     Attributes
     ----------
     role : str
     title : str
     against : str
-        What its evidence is weighed against.
+        Model with which its evidence is compared.
     top : float
         Log-odds of a bar of full length.
     ranked : tuple of Standing
@@ -324,9 +325,19 @@ class Part:
     top: float
     ranked: tuple[Standing, ...]
 
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the lengths of its bars are the logarithm of their log-odds, and not in proportion to them."""
+        return self.top > LINEAR
+
+    @property
+    def bars(self) -> str:
+        """Explain the bars: the model of comparison, and a sentence about their lengths if these mislead."""
+        return f"{self.against}. {LOGARITHMIC[0].upper()}{LOGARITHMIC[1:]}" if self.logarithmic else self.against
+
 
 def parts_of(ranked: Sequence[Standing]) -> list[Part]:
-    """Part a ranking by role, and by what its evidence is weighed against."""
+    """Divide a ranking by role, and by the model with which its evidence is compared."""
     named = {r.effects[0] for r in ranked if r.role == "named"}
     found = []
     for (role, against), group in groupby(ranked, lambda r: (r.role, _against(r, named))):
@@ -352,7 +363,10 @@ def meaning(ranked: Sequence[Standing]) -> str:
         against = dict.fromkeys(p.against for p in parts if p.role == role)
         if against:
             said.append(f"{before}{', or '.join(against)}{after}")
-    return "; ".join([*said, *(["bars of each kind have a scale of their own"] if len(parts) > 1 else []), CLOSEST])
+    scales = ["bars of each kind have a scale of their own"] if len(parts) > 1 else []
+    if any(p.logarithmic for p in parts):
+        scales.append(f"{LOGARITHMIC} in a kind that has more than {LINEAR:g}")
+    return "; ".join([*said, *scales, CLOSEST])
 
 
 MEANS = {
@@ -362,7 +376,7 @@ MEANS = {
     "next": ("next: one more beside what is named, ", ""),
     "instead": ("instead: in place of what is named, ", ""),
 }
-"""What stands around what the evidence of each role is weighed against."""
+"""Text around the model of comparison for the evidence of each role."""
 
 
 def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
@@ -410,22 +424,22 @@ def _errors(d: Diagnosis) -> str:
     return text_table(["error", "fitted K", "held-out K", "structured (noise = 1)", "z"], rows)
 
 
-LEFT = "What even these leave, the model lacks:"
-"""Before what the closest numbers of a model leave of its error."""
+LEFT = "Even with them these errors remain, which show what the model lacks:"
+"""Text before the remaining error of the closest numbers of a model."""
 
 
 def closer_numbers(found: Identified) -> str:
-    """Say how near a model can come to the surfaces by numbers that are not believed; empty where that is no nearer.
+    """Say how close a model can come to the surfaces by numbers that are not accepted; empty if no closer.
 
-    A search weighs effects by such numbers; the parameters that are shown and written are never these.
+    A search compares effects by such numbers; the shown and written parameters are never these.
     """
     if not found.comes_closer:
         return ""
     closest = errors(found.closest)
-    held = "" if math.isnan(closest.heldout_rmse_K) else f" ({closest.heldout_rmse_K:.3g} K on held-out blocks)"
+    held = "" if math.isnan(closest.heldout_rmse_K) else f" ({closest.heldout_rmse_K:.3g} K rms on held-out blocks)"
     return (
-        f"Other numbers of the same model follow the surfaces to {closest.train_rmse_K:.3g} K{held}, but "
-        "lie farther from what was known than a model with such an error can prove. They are not believed."
+        f"Other numbers of the same model follow the surfaces to {closest.train_rmse_K:.3g} K rms{held}, but "
+        "lie farther from what was known than a model with such an error can prove, so they are not used."
     )
 
 

@@ -20,6 +20,9 @@ from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.thermal import StringModel
 
+SEARCH = 0.85
+"""Share of the work of a diagnosis that is the search."""
+
 
 def findings_and_notes(
     model: StringModel, records: Sequence[Record]
@@ -42,7 +45,7 @@ def sound(findings: Sequence[tuple[str, Finding]]) -> None:
 
 
 def long_enough(findings: Sequence[tuple[str, Finding]]) -> None:
-    """Refuse records that are too short, or have too few readings, even to be compared.
+    """Refuse records that are too short, or have too few readings, even for a comparison.
 
     Raises
     ------
@@ -60,7 +63,7 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
         The model; the diagnosis starts from its numbers before any data.
     records : sequence of Record
     progress : callable, optional
-        Called with the share of the work that is done, and the present step.
+        Called with the share of the work done, and the present step.
     """
     findings, notes = findings_and_notes(model, records)
     sources = tuple(r.source for r in records)
@@ -68,11 +71,16 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     if not some:
         why = " ".join(dict.fromkeys(f.sentence for _, f in findings if f.severity == "stop"))
         return Told(None, f"Nothing can be said from these data. {why}", sources, findings, notes)
-    d = diagnose(model.unfitted, some, progress=progress)
+    tell = progress or (lambda _share, _text: None)
+    d = diagnose(model.unfitted, some, progress=lambda share, text: tell(SEARCH * share, text))
+    tell(SEARCH, "finding which effects these records could show")
     shown, experiment = card_of(d.search.baseline), experiment_of(d)
     taken = absorbed(d.identified[0].fit)
+    tell(0.9, "finding the band of the core")
     core = known_core(model, some, d.identified[0], d.search.asked)
+    tell(0.93, "finding what the records say of named effects")
     curve = curve_of(d, some)
+    tell(1.0, "done")
     return Told(
         d,
         " ".join([d.sentence, *tie_sentences(model)]),

@@ -1,4 +1,4 @@
-"""Rows of CSV and Parquet files a piece at a time, so that a file of any size takes the memory of a piece."""
+"""Rows of CSV and Parquet files in pieces, so that a file of any size takes the memory of one piece."""
 
 import csv
 from collections import Counter
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bms_gateway.errors import DataError, MissingExtraError
 from bms_gateway.gunzip import Gunzip
 from bms_gateway.report.dates import DateForm
-from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, units_row
+from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, title_lines, units_row
 from bms_gateway.report.text import HEAD, Recoded, decoded, refuse_others, utf16
 from bms_gateway.thermal import Floats
 
@@ -23,10 +23,11 @@ CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
 MOST_COLUMNS: Final = 10_000  # three for each of a thousand cells, and as many again with other names
 LONGEST_NAME: Final = 500  # characters of a column's name: a path through the messages of a bus has half of it
-MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks
+MOST_IDLE: Final = 1_000_000  # consecutive lines that are blank or remarks
 BATCH: Final = 1 << 14  # rows of Parquet
 PER_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # units of stamps in Parquet
 _EPOCH: Final = datetime(1970, 1, 1)
+MOST_TITLE: Final = 40  # first lines, among which the names of the columns are
 MOST_SAMPLED: Final = 2000  # rows from which the form of times is found
 
 
@@ -41,7 +42,7 @@ class Piece:
     values : dict of str to ndarray (N,)
         Values by the name of the column as it was requested; NaN for blanks.
     read : float
-        Bytes of the file that these rows took.
+        Bytes of the file for these rows.
     """
 
     lines: NDArray[np.int64]
@@ -55,11 +56,11 @@ class Rows(Protocol):
     Attributes
     ----------
     names : list of str
-        Of its columns.
+        Names of its columns.
     word : str
         Word for a row: "line" or "row".
     units : list of str or None
-        Of a row of units below the names.
+        From a row of units below the names.
     notes : sequence of str
         What was recognised so far, a sentence each; complete after the last piece.
     began_s : float or None
@@ -81,7 +82,7 @@ class Rows(Protocol):
         ...
 
     def sample(self, column: str) -> list[str]:
-        """Give the first cells of a column as they are written; none where they are numbers already."""
+        """Return the first cells of a column as written; none if they are numbers already."""
         ...
 
     def pieces(self, columns: Collection[str], dates: Mapping[str, DateForm]) -> Iterator[Piece]:
@@ -92,7 +93,7 @@ class Rows(Protocol):
         DataError
             A cell is not a number, or a line is not a row.
         EOFError
-            Gzip data that are damaged.
+            The gzip data are damaged.
         """
         ...
 
@@ -105,11 +106,11 @@ class _Lines:
     text: list[str]
 
     def only(self, count: int, first: int = 0) -> "_Lines":
-        """Give a few of them."""
+        """Return a few of them."""
         return _Lines(self.number[first : first + count], self.text[first : first + count])
 
     def after(self, count: int) -> "_Lines":
-        """Give the rest."""
+        """Return the rest."""
         return _Lines(self.number[count:], self.text[count:])
 
 
@@ -133,8 +134,9 @@ class _Csv:
             first = first.after(1) if len(first.text) > 1 else next(self._blocks, None)
         if first is None:
             raise DataError(f"{path}: empty")
+        self._mark = mark_of(first.text[:MOST_TITLE])
+        first = self._below_title(first)
         number, head = int(first.number[0]), first.text[0]
-        self._mark = mark_of(first.text[:20])
         self.names = [name.strip() for name in self._cells(first.only(1), None)]
         _refuse_long_head(f"{path}: line {number}", self.names)
         twice = next((name for name, count in Counter(self.names).items() if name and count > 1), None)
@@ -158,8 +160,20 @@ class _Csv:
         codec = utf16(head)
         return (source, "utf-8") if codec is None else (Recoded(source, codec, self.path), codec)
 
+    def _below_title(self, first: "_Lines") -> "_Lines":
+        """Leave out lines above the names of the columns."""
+        above = title_lines([self._cells(first.only(1, k), None) for k in range(min(len(first.text), MOST_TITLE))])
+        if above:
+            lines = (
+                f"line {first.number[0]} is"
+                if above == 1
+                else f"lines {first.number[0]} to {first.number[above - 1]} are"
+            )
+            self._said.append(f"{lines} read as a title, line {first.number[above]} as the names of the columns")
+        return first.after(above)
+
     def _units(self) -> list[str] | None:
-        """Take a row of units below the header."""
+        """Read a row of units below the header."""
         if not self._first.text:
             self._first = next(self._blocks, self._first)
         if not self._first.text:
@@ -228,7 +242,7 @@ class _Csv:
         return _Lines(number + np.array(kept, np.int64), [lines[i] for i in kept]), len(lines)
 
     def _cells(self, lines: "_Lines", width: int | None) -> list[str]:
-        """Give the cells of lines one after the other, `width` in each line where that is known."""
+        """Return the cells of lines one after the other, `width` per line if it is known."""
         if max(map(len, lines.text)) > LONGEST_LINE:
             raise self._endless(next(n for n, x in zip(lines.number, lines.text, strict=True) if len(x) > LONGEST_LINE))
         mark, text = self._mark, self._mark.join(lines.text)
@@ -281,7 +295,7 @@ class _Csv:
                 self._decimals.points = True
         except ValueError:
             out = None
-        if out is None or (self._decimals.points and self._decimals.commas):  # one by one, to say where
+        if out is None or (self._decimals.points and self._decimals.commas):  # one by one, to find the place
             out = np.array([self._number(c, i, column) for c, i in zip(cells, lines.tolist(), strict=True)])
         wild = np.flatnonzero(np.isinf(out))
         if len(wild):
@@ -307,7 +321,7 @@ class _Csv:
 
 
 def _refuse_long_head(where: str, names: Sequence[str]) -> None:
-    """Refuse more columns, or longer names of them, than any table has."""
+    """Refuse more columns, or longer names, than any table has."""
     if len(names) > MOST_COLUMNS:
         raise DataError(f"{where}: {len(names):,} columns, more than {MOST_COLUMNS:,}")
     for at, name in enumerate(names, 1):
@@ -319,7 +333,7 @@ def _refuse_long_head(where: str, names: Sequence[str]) -> None:
 
 
 def _head(source: Any) -> bytes:
-    """Read the first bytes, which tell the kind of a file; gzip data may come in small pieces."""
+    """Read the first bytes, which show the kind of a file; gzip data may come in small pieces."""
     head = b""
     while len(head) < HEAD and (more := source.read(HEAD - len(head))):
         head += more
@@ -399,14 +413,14 @@ class _Parquet:
 
 @contextmanager
 def open_csv(path: Path) -> Iterator[Rows]:
-    """Open a CSV file, or one packed by gzip.
+    """Open a CSV file, or one compressed by gzip.
 
     Raises
     ------
     DataError
-        Empty, or no text.
+        Empty, or not text.
     EOFError
-        Gzip data that are damaged.
+        The gzip data are damaged.
     OSError
     """
     with path.open("rb") as file:
@@ -424,9 +438,9 @@ def open_parquet(path: Path) -> Iterator[Rows]:
     Raises
     ------
     DataError
-        It is none.
+        The file is not a Parquet file.
     MissingExtraError
-        pyarrow is not there.
+        pyarrow is not installed.
     OSError
     """
     try:

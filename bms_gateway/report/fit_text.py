@@ -12,22 +12,22 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Combination
 from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.identify.contract import FIXED
-from bms_gateway.report.core_text import core_document, core_text
+from bms_gateway.report.core_text import core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import WITH_SD, closer_numbers, finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
 
 HOLDS = 1.2
-"""Error over noise up to which a model explains the readings, as in the diagnosis."""
+"""Greatest error over noise for which a model explains the readings, as in the diagnosis."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitReport:
-    """A fit as it is reported.
+    """A fit in the form of a report.
 
     Attributes
     ----------
     out : str
-        The model file written.
+        The written model file.
     sources : tuple of str
     calibrated : bool
     changes : tuple of Change
@@ -41,6 +41,8 @@ class FitReport:
     findings, notes : tuple of (source, …)
     core : KnownCore
         Of the fitted model.
+    worse : tuple of str
+        Says that the fitted numbers follow the surfaces less closely than those of the earlier model; else empty.
     """
 
     out: str
@@ -54,6 +56,7 @@ class FitReport:
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
     core: KnownCore
+    worse: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -75,6 +78,7 @@ def fit_document(r: FitReport) -> dict[str, Any]:
         "noise_floor_K": finite(r.errors.noise_floor_K),
         "core": core_document(r.core),
         "model_error_K": finite(r.model_error_K),
+        "worse": list(r.worse),
         "sensors": [
             {
                 "table": c.source,
@@ -92,7 +96,7 @@ def fit_document(r: FitReport) -> dict[str, Any]:
 
 
 def change_document(c: Change) -> dict[str, Any]:
-    """Return one number of a fit as documents hold it."""
+    """Return one number of a fit in the form of documents."""
     return {
         "name": c.name,
         "table": c.of or None,
@@ -104,14 +108,11 @@ def change_document(c: Change) -> dict[str, Any]:
 
 
 def fit_text(r: FitReport) -> str:
-    """Write what a fit found for people."""
+    """Write the results of a fit for people."""
     several = len(r.sources) > 1
-    parts = [_headline(r), *warned(r.findings, several), changes_table(r.changes)]
-    if r.model_error_K:
-        parts.append(
-            f"The model was given an error of its own, {r.model_error_K:.2g} K over minutes: its numbers and their sd "
-            "allow for what it lacks, as far as a surface can tell."
-        )
+    parts = [_headline(r), *r.worse, *warned(r.findings, several), changes_table(r.changes)]
+    if remark := numbers_remark(r.core):
+        parts.append(remark)
     if closer := closer_numbers(r.core.identified):
         parts.append(closer)
     if all(c.status == FIXED or c.status.startswith(UNIDENTIFIABLE) for c in r.changes):

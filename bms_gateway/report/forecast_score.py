@@ -1,7 +1,7 @@
-r"""Forecasts of a log compared with what came: under the forecast load, and under the current that then flowed.
+r"""Forecasts of a log compared with the later values: under the forecast load, and under the current that then flowed.
 
-The reference is a table of the true cores, or else the later estimates of the same engine. The forecast that a core
-stays as it is is scored beside it. The score of a Gaussian forecast is its CRPS (T. Gneiting, A. E. Raftery,
+The reference is a table of the true cores, or else the later estimates of the same engine. The forecast of a constant
+core is scored too. The score of a Gaussian forecast is its CRPS (T. Gneiting, A. E. Raftery,
 Strictly proper scoring rules, JASA 102 (2007), eq. 21),
 
 .. math:: \sigma \left( z (2 \Phi(z) - 1) + 2 \varphi(z) - 1 / \sqrt{\pi} \right)
@@ -54,7 +54,7 @@ class Score:
         self.crps += sd * (z * erf(z / sqrt(2.0)) + 2.0 * density - 1.0 / sqrt(pi))
 
     def document(self) -> dict[str, Any]:
-        """Give the score as a document for machines; None without forecasts."""
+        """Return the score as a document for machines; None without forecasts."""
         n = self.number
         if not n:
             return {"forecasts": 0, "rms_K": None, "inside_2sd": None, "mean_sd_K": None, "crps_K": None}
@@ -69,7 +69,7 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One forecast of one cell, and what came; NaN if unknown."""
+    """One forecast of one cell, and the later values; NaN if unknown."""
 
     time_ns: int
     string: str
@@ -88,12 +88,12 @@ class Row:
 
 
 Truth = Callable[[str, int, int], Floats]
-"""Cores (n,) of a string at an instant, ns, of n cells; NaN where not known."""
+"""Cores (n,) of a string of n cells at an instant, ns; NaN if unknown."""
 
 
 @dataclass(slots=True)
 class _Known:
-    """What came of all strings at one instant."""
+    """Later values of all strings at one instant."""
 
     core: Floats
     load: Foreseen
@@ -108,7 +108,7 @@ class Scorer:
     names : tuple of str
         Of the strings.
     every_ns : int
-        Between two forecasts that are scored.
+        Time between two scored forecasts.
     truth : callable or None
     scores : mapping
         By string, load and horizon in s.
@@ -124,7 +124,7 @@ class Scorer:
     _last: int | None = None
 
     def take(self, event: Event) -> Iterator[Row]:
-        """Take the engine's next event; yield rows of the forecasts that can now be judged."""
+        """Use the engine's next event; yield rows of the forecasts that can now be judged."""
         if isinstance(event, Estimated):
             self._newest = event
         elif isinstance(event, Foreseen) and self._newest is not None:
@@ -156,9 +156,9 @@ class Scorer:
                 yield from self._of_string(event, i, j, actual)
 
     def _actual(self, at: int, origin: Origin) -> tuple[Floats, Floats] | None:
-        """Forecast under the current that flowed (3, K, S, n), and its sd (3, H, S, n); None where it is not known.
+        """Forecast under the current that flowed (3, K, S, n), and its sd (3, H, S, n); None if the current is unknown.
 
-        The inlet stays constant, because a plan holds the current only.
+        The inlet stays constant, because a plan contains only the current.
         """
         loads = [self._known.get(at + k * STEP_NS) for k in range(1, ENDS[-1] + 1)]
         got = [k for k in loads if k is not None]
@@ -224,7 +224,7 @@ class Scorer:
         return self._newest.layout.parts[i]
 
     def _came(self, name: str, mine: slice, at: int, h: int | None) -> Floats:
-        """Cores (n,) at a horizon; NaN where nothing is known of them."""
+        """Cores (n,) at a horizon; NaN if unknown."""
         n, when = mine.stop - mine.start, at + (0 if h is None else ENDS[h] * STEP_NS)
         if self.truth is not None:
             return self.truth(name, when, n)
@@ -232,7 +232,7 @@ class Scorer:
         return np.full(n, np.nan) if known is None else known.core[mine]
 
     def document(self) -> Mapping[str, Any]:
-        """Give the scores as a document for machines: by string, load and horizon."""
+        """Return the scores as a document for machines: by string, load and horizon."""
         out: dict[str, dict[str, dict[str, Any]]] = {}
         for (name, load, horizon), score in self.scores.items():
             out.setdefault(name, {}).setdefault(load.replace(" ", "_"), {})[f"{horizon:g}"] = score.document()

@@ -17,7 +17,7 @@ from bms_gateway.report.table import MOST_NUMBERS, open_table, read_table
 from bms_gateway.thermal import Floats
 
 LONG_FORM: Final = ("time_s", "string", "cell", "core_C")
-INSTANT: Final = 16  # numbers' worth of memory that an instant takes besides its cores
+INSTANT: Final = 16  # memory of an instant besides its cores, in numbers
 
 
 def read_profile(path: Path) -> tuple[Floats, Floats, Floats]:
@@ -41,7 +41,7 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
     Parameters
     ----------
     path : Path
-        As `simulate --truth` writes it, or a table with `core_K_C` where there is one string.
+        From `simulate --truth`, or a table with `core_K_C` if there is one string.
     strings : sequence of str
     cells : mapping
         Number of cells of each string.
@@ -49,10 +49,10 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
     Raises
     ------
     DataError
-        The table has neither form, or holds none of the strings.
+        The table has neither form, or contains none of the strings.
     """
     if path.suffix.lower() not in (".parquet", ".pq"):
-        with open_table(path) as opened:  # says what is wrong with what is no table
+        with open_table(path) as opened:  # reports what is wrong with a file that is no table
             names = opened.names
         if "core_C" in names and "string" in names:
             with _rows(path) as rows:
@@ -76,7 +76,7 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
 
 @contextmanager
 def _rows(path: Path) -> Iterator[Iterator[list[str]]]:
-    """Open a CSV file as rows of text; what is wrong on the way is a `DataError`."""
+    """Open a CSV file as rows of text; an error on the way is a `DataError`."""
     try:
         with path.open("rb") as file:
             source = BufferedReader(Gunzip(file, str(path))) if path.suffix.lower() == ".gz" else file

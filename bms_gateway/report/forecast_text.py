@@ -16,7 +16,7 @@ from bms_gateway.report.show import text_table
 
 
 def of_string(f: Forecast | None, quality: NDArray[np.uint8]) -> dict[str, Any]:
-    """Give the forecast of one string as a document for machines; None if nothing is known.
+    """Return the forecast of one string as a document for machines; None if nothing is known.
 
     Parameters
     ----------
@@ -60,11 +60,11 @@ def of_string(f: Forecast | None, quality: NDArray[np.uint8]) -> dict[str, Any]:
 
 
 def of_plan(ahead: Ahead, j: int, limit_C: float, now: Forecast | None) -> dict[str, Any]:
-    """Give the forecast of a group's string `j` under a profile as a document for machines."""
+    """Return the forecast of a group's string `j` under a profile as a document for machines."""
     none = np.zeros(ahead.phi.shape[0])
     T, sd = ahead.under(none)[:, :, j], ahead.sd(none)[:, :, j]
     at_s = first_crossing(T[CENTRE], limit_C)
-    if now is not None:  # no forecast is given for a cell whose core is unknown
+    if now is not None:  # a cell with an unknown core has no forecast
         unknown = np.isnan(now.core[-1])
         T, sd, at_s = np.where(unknown, np.nan, T), np.where(unknown, np.nan, sd), np.where(unknown, np.inf, at_s)
     ends = T[:, AT_ENDS]
@@ -90,7 +90,7 @@ def of_plan(ahead: Ahead, j: int, limit_C: float, now: Forecast | None) -> dict[
 
 
 def last_lines(document: Mapping[str, Any]) -> Iterator[str]:
-    """Write the forecast: of each string the cell that will be hottest."""
+    """Write the forecast for the cell of each string that will be hottest."""
     rows, said = [], []
     for name, s in document["strings"].items():
         known = [c for c in s["cells"] if c["ahead"][-1]["centre_C"] is not None]
@@ -129,7 +129,7 @@ def last_lines(document: Mapping[str, Any]) -> Iterator[str]:
 
 
 def score_lines(document: Mapping[str, Any]) -> Iterator[str]:
-    """Say how good forecasts of cores were."""
+    """State the errors of the forecasts of cores."""
     score = document["score"]
     rows = []
     for name, loads in score["strings"].items():

@@ -15,7 +15,7 @@ from bms_gateway.report.columns import UNITS, bare_unit, split_unit
 from bms_gateway.thermal import Floats
 
 ENOUGH: Final = 0.3
-"""Least correlation of the steps of current and voltage that determines the sign, as in the direct checks."""
+"""Least correlation of the steps of current and voltage for a decision on the sign, as in the direct checks."""
 BLOCKS: Final = 60
 """Number of stretches of a record over which charge and current are compared."""
 FLOWS: Final = 0.05
@@ -47,7 +47,7 @@ _OF_A_CELL: Final = re.compile(
     r"\d|surf|oberfl|\bt zelle?\b|\bt (cell|case|can)\b|\b(zelle?|cell) t(emp\w*)?\b|\btemp\w* (zelle?|cell)\b"
     r"|skin|haut|mantel|geh(ä|ae)use"
 )
-"""What tells a surface where no unit says that it is a temperature."""
+"""Words for a surface if no unit says that it is a temperature."""
 _OF_THE_BATTERY: Final = re.compile(
     r"\b(t|temp|temperatur\w*)\b.*\b(batt?|battery|batterie|pack|akku|module?|modul)\b"
     r"|\b(batt?|battery|batterie|pack|akku|module?|modul)\b.*\b(t|temp|temperatur\w*)\b"
@@ -64,7 +64,10 @@ ONES: Final = (
     (
         "current_A",
         "current",
-        re.compile(r"\b(current|strom|i|amps?|amperes?|courant|pack.?current|packstrom|batteriestrom|gesamtstrom)\b"),
+        re.compile(
+            r"\b(current|strom|i|amps?|amperes?|courant|pack.?current"
+            r"|(pack|batterie|gesamt|lade|entlade|last|strang|modul)strom)\b"
+        ),
     ),
     ("coolant_inlet_C", "temperature", re.compile(f"{_INLET}|{_AIR}")),
     (
@@ -79,10 +82,13 @@ ONES: Final = (
     (
         "voltage_V",
         "voltage",
-        re.compile(r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage|packspannung|gesamtspannung)\b"),
+        re.compile(
+            r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage"
+            r"|(pack|gesamt|klemmen|strang|batterie|modul|akku)spannung)\b"
+        ),
     ),
 )
-"""Quantities that a string has once: our name, the quantity, and the words that others use."""
+"""Quantities that a string has once: our name, the quantity, and the words of other tools."""
 _NOT: Final = re.compile(
     r"\b(outlet|r(ü|ue)cklauf|auslass|austritt|power|leistung|energy|energie|error|fehler|status)\b"
 )
@@ -126,7 +132,7 @@ def plain(name: str) -> str:
 
 
 def lookalike(ours: str, names: Sequence[str]) -> str | None:
-    """Give the only column that matches these words; None if there is none, or several."""
+    """Return the only column that matches these words; None if there is none, or several."""
     pattern = next((p for name, _, p in ONES if name == ours), None)
     near = [n for n in names if pattern is not None and pattern.search(plain(n))]
     return near[0] if len(near) == 1 else None
@@ -148,9 +154,9 @@ def guesses(
     below : sequence of str, optional
         Row of units below them.
     taken : mapping
-        Columns that are known already: column of the file by our name.
+        Columns that are already known: column of the file by our name.
     values : mapping
-        First values of the columns that hold numbers.
+        First values of the columns with numbers.
     dated : str
         Column that has dates; may be empty.
 
@@ -170,7 +176,7 @@ def guesses(
         fits = [n for n in free if n not in found and kind[n] in (None, quantity) and _called(pattern, ours, n)]
         if ours != "time_s":
             fits = [n for n in fits if ours != "coolant_inlet_C" or not re.search(_CORE, plain(n))]
-        if not fits and quantity in ("current", "time", "flow"):  # only its unit shows what it is
+        if not fits and quantity in ("current", "time", "flow"):  # only its unit identifies it
             fits = [n for n in free if n not in found and kind[n] == quantity and not _NOT.search(plain(n))][:1]
         if fits:
             best = min(fits, key=lambda n: (kind[n] is None, _late(ours, n), names.index(n)))
@@ -194,7 +200,7 @@ def _late(ours: str, name: str) -> bool:
 
 
 def _quantity(unit: str) -> str | None:
-    """Give the quantity of a unit; None without a unit, "else" for a unit that is not used here."""
+    """Return the quantity of a unit; None without a unit, "else" for a unit that is not used here."""
     if not unit:
         return None
     known = [q for q, units in UNITS.items() if unit in units]
@@ -209,7 +215,7 @@ def _cells(
     values: Mapping[str, Floats],
     taken: Mapping[str, str],
 ) -> dict[str, Guess]:
-    """Give each cell the number in its column's name, or its place in the order."""
+    """Give each cell the number in its column's name, or its position in the order."""
     suffix = "V" if what == "cell_voltage" else "C"
     if what == "cell_voltage":
         pattern = r"\b(cell|zelle?|zell\w*|u|v)\b"
@@ -240,7 +246,7 @@ def _cells(
 def _of_the_battery(
     free: Sequence[str], kind: Mapping[str, str | None], values: Mapping[str, Floats]
 ) -> dict[str, Guess]:
-    """Take the one temperature of a battery as a surface, where no cell has a temperature of its own."""
+    """Use the only temperature of a battery as a surface, if no cell has a temperature of its own."""
     for n in free:
         text = plain(n)
         if kind[n] in (None, "temperature") and _OF_THE_BATTERY.search(text) and not _AN_EXTREME.search(text):
@@ -303,7 +309,7 @@ def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noq
 
 
 def _one_way(current: Floats, V: Floats) -> str:
-    """Say the same of a current with one sign, such as a constant discharge: the voltage follows the charge."""
+    """Do the same for a current with one sign, such as a constant discharge: the voltage follows the charge."""
     both = np.isfinite(current) & np.isfinite(V)
     flows = both & (np.abs(current) > FLOWS * np.max(np.abs(current[both]), initial=0.0))
     sign, over = float(np.sign(current[flows]).mean()) if flows.any() else 0.0, V[flows]

@@ -1,4 +1,4 @@
-"""The hottest core of a tick or of a log: not the greatest guess."""
+"""The hottest core of a tick or of a log, without uncertain guesses."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Hottest:
     Attributes
     ----------
     rank : float, °C
-        The temperature by which it is compared with others.
+        The temperature for comparison with others.
     """
 
     string: str
@@ -28,13 +28,13 @@ class Hottest:
 
 
 def hottest_core(cells: Cells, points: Floats) -> Hottest | None:
-    """Find the hottest cell of a string at one tick; None where no core is known.
+    """Find the hottest cell of a string at one tick; None if no core is known.
 
     Parameters
     ----------
     cells : Cells
     points : ndarray (n,)
-        What is compared, °C: the cores, or the hottest points of the cells.
+        Compared temperatures, °C: the cores, or the hottest points of the cells.
     """
     k = hottest_of(points, cells.core_sd)
     if k is None:
@@ -46,17 +46,17 @@ def hottest_core(cells: Cells, points: Floats) -> Hottest | None:
 
 
 def hotter(one: Hottest | None, other: Hottest | None) -> Hottest | None:
-    """Give the hotter of two, the first one if they are equal."""
+    """Return the hotter of two, the first one if they are equal."""
     if one is None or (other is not None and other.rank > one.rank):
         return other
     return one
 
 
 def hottest_sentence(h: Hottest, start_ns: int) -> str:
-    """Say in a sentence which core was the hottest, when, and whether it is sure."""
+    """Say in a sentence which core was the hottest, when, and whether it is certain."""
     after = (h.time_ns - start_ns) * 1e-9
     said = (
-        f"hottest core: {h.core_C:.1f} ± {h.core_sd_K:.1f} °C, cell {h.cell} of {h.string}, "
+        f"hottest core: {h.core_C:.1f} ± {h.core_sd_K:.1f} °C (1 sd), cell {h.cell} of {h.string}, "
         f"{after:.0f} s after the start"
     )
     return said if h.core_sd_K <= SURE_K else f"{said} (its core is not known to {SURE_K:g} K)"

@@ -16,11 +16,13 @@ from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Card
+from bms_gateway.diagnosis.diagnosis import Diagnosis
+from bms_gateway.diagnosis.error_words import only_fitted
 from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import core_sentence, outside, thermocouple_sentence
+from bms_gateway.report.core_text import core_sentence, numbers_remark, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import LEFT, Told, closer_numbers
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
@@ -38,6 +40,7 @@ VERDICTS = {
     "unknown_effect": "Unknown effect",
     "insufficient_data": "Insufficient data",
 }
+ONLY_FITTED = "Perhaps an effect, not shown on held-out readings"
 AGREES, FAILS = "Where the model agrees", "Where the model fails"
 
 
@@ -52,7 +55,7 @@ class Aside:
     findings : sequence of (source, Finding)
         Findings of the checks.
     notes : sequence of (source, str)
-        What was bridged, left out or assumed when the records were read.
+        Values that were interpolated, left out or assumed when the records were read.
     command : str
         Command line that makes the page again; may be empty.
     remains : str
@@ -93,7 +96,7 @@ class Aside:
 def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
-    models = [Shown.of(FILED, filed), Shown.of(REFITTED, now)]
+    models = [Shown.of(FILED, filed, comparison.core.proven), Shown.of(REFITTED, now, comparison.core.proven)]
     head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
@@ -108,7 +111,7 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
         section("where", "Where, when and in which regime it fails", *said),
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
-        section("parameters", f"Parameters, {REFITTED}", parameters_table(now.fit)),
+        section("parameters", f"Parameters, {REFITTED}", numbers_html(now.fit, comparison.core)),
         section("correlations", "Correlation of the parameters", correlation_table(now.fit)),
         *aside.sections,
     ]
@@ -122,15 +125,15 @@ class Details:
     Attributes
     ----------
     comparison : Comparison, optional
-        Of the same records: where the model fails, in words, and thermocouples in cores.
+        For the same records: where the model fails, in words, and thermocouples in cores.
     latent : Latent, optional
-        Of the model as it is: the heat that it does not explain.
+        For the present model: the heat that it does not explain.
     experiment : Experiment, optional
         All proposed tests, with the log-odds that they are expected to give.
     card : Card, optional
         The smallest size of each effect that these data could show.
     cores : sequence of KnownCore
-        Of the model as it is and with what is missing, as `adding.cores_with_named` gives them.
+        For the present model and the one with the missing effect, from `adding.cores_with_named`.
     """
 
     comparison: Comparison | None = None
@@ -155,7 +158,7 @@ def write_diagnosis(
     ----------
     path : Path
     told : Told
-        With what the terminal shows; without a diagnosis the page says what the data lack.
+        With the content of the terminal; without a diagnosis the page says what the data lack.
     details : Details, optional
         Details that the terminal does not show.
     command : str
@@ -167,13 +170,13 @@ def write_diagnosis(
     Raises
     ------
     MissingExtraError, UsageError
-        As `write_page` does.
+        As for `write_page`.
     """
     d, seen = told.diagnosis, details or Details()
     comparison, latent, experiment, card = seen.comparison, seen.latent, seen.experiment, seen.card
     aside = Aside(told.sources, told.findings, told.notes, command)
     verdict = d.verdict if d else "insufficient_data"
-    tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
+    tag = verdict_tag(d)
     sentence = escape(in_words(told.sentence))
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(told.core, comparison.refitted.core_checks if comparison else ()) + aside.doubts
@@ -181,10 +184,10 @@ def write_diagnosis(
     if d is not None:
         before, after = d.fits
         known = seen.cores or ([told.core] if told.core else [])
-        bands = [*(c.bands for c in known), (), ()]
-        models = [shown(step, before, bands[0])]
+        bands = [*((c.bands, c.proven) for c in known), ((), True), ((), True)]
+        models = [shown(step, before, *bands[0])]
         if d.selected:
-            models.append(shown(with_added(named_all(s.candidate.key for s in d.selected)), after, bands[1]))
+            models.append(shown(with_added(named_all(s.candidate.key for s in d.selected)), after, *bands[1]))
         head += summary(models)
         where = items(comparison.refitted.findings) + closest_html(comparison) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
@@ -196,7 +199,7 @@ def write_diagnosis(
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
-            section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
+            section("parameters", f"Parameters, {models[-1].name}", _numbers(told, known, models[-1].fit)),
             section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),
         ]
     following = paragraph(told.next_experiment) if told.next_experiment else ""
@@ -219,37 +222,37 @@ def write_addition(
     remains: str = "",
     step: str = REFITTED,
 ) -> None:
-    """Write what an added effect did, or why it was not added, as a page.
+    """Write the result of an added effect, or why it was not added, as a page.
 
     Parameters
     ----------
     path : Path
     report : AddReport
-        With what the terminal shows.
+        With the content of the terminal.
     addition : Addition
         Its fits and the half widths of its cores are drawn.
     command : str
         Command line that makes the page again.
     remains : str
-        As of `Aside`.
+        As for `Aside`.
     step : str
         Name of the model before the addition.
 
     Raises
     ------
     MissingExtraError, UsageError
-        As `write_page` does.
+        As for `write_page`.
     """
     aside = Aside(report.sources, report.findings, report.notes, command, remains)
     names = (step, with_added(named_all(c.key for c in addition.added)))
-    models = [shown(name, c.identified.fit, c.bands) for name, c in zip(names, addition.core, strict=True)]
+    models = [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
     against = [in_words(f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}.")]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
         *evidence(models, report.after.checks),
         section("errors", "Errors before and after", errors_table(models)),
-        section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
+        section("parameters", f"Parameters, {models[-1].name}", numbers_html(models[-1].fit, report.after.core)),
         section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),
         *aside.sections,
     ]
@@ -261,16 +264,35 @@ def write_addition(
     write_page(path, "Model with an effect added", head, sections)
 
 
+def verdict_tag(d: Diagnosis | None) -> str:
+    """Return the verdict in a few words; without a diagnosis there were too few data."""
+    if d is None:
+        return VERDICTS["insufficient_data"]
+    held = d.baseline.heldout_rmse_K, d.after.heldout_rmse_K
+    unshown = bool(d.selected) and only_fitted(held, d.second.known_K if d.second else None)
+    tag = ONLY_FITTED if unshown else VERDICTS[d.verdict]
+    return tag + (", and something unknown remains" if d.unknown_remains and d.selected else "")
+
+
 def closest_html(comparison: Comparison) -> str:
-    """Say what even the closest numbers of a model leave of its error; empty where there are no closer ones."""
+    """Describe the error of even the closest numbers of a model; empty without closer ones."""
     v = comparison.closest
     if v is None:
         return ""
     return paragraph(f"{closer_numbers(comparison.core.identified)} {LEFT}") + items(v.findings)
 
 
+def numbers_html(fit: MapFit, core: KnownCore | None, *, narrow: bool = False) -> str:
+    """Return the numbers of a model, with a remark on their value if the model lacks something."""
+    if core is None:
+        return parameters_table(fit, narrow=narrow)
+    remark = numbers_remark(core)
+    said = f'<p class="{"alarm" if core.numbers_doubted else "muted"}">{escape(remark)}</p>' if remark else ""
+    return said + parameters_table(fit, doubted=core.numbers_doubted, narrow=narrow)
+
+
 def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
-    """Say how well the cores are known, if that was computed, and what contradicts them, also thermocouples."""
+    """Say how well the cores are known, if computed, and what contradicts them, also thermocouples."""
     said = ""
     if core is not None:
         sentence = core_sentence(core)
@@ -280,8 +302,18 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
     return said + "".join(read)
 
 
+def _numbers(told: Told, known: Sequence[KnownCore], fit: MapFit) -> str:
+    """Return the numbers of the final model of a diagnosis: the present one, or that with the named effects."""
+    d, core = told.diagnosis, known[-1] if known else None
+    if (
+        d is not None and d.selected and core is not None and len(known) == 1
+    ):  # the cores with what is named are not known
+        core = replace(core, identified=d.identified[-1], lacks=d.unknown_remains)
+    return numbers_html(fit, core)
+
+
 def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
-    """Give the equation of effects and how they show."""
+    """Return the equation of effects and their visible signs."""
     parts = []
     for c in added:
         parts.append(f"<h3>{escape(named(c.key))}</h3><pre>{escape(c.effect.equation)}</pre>")
@@ -294,7 +326,7 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
 
 
 def _core_checks(comparison: Comparison, fit: MapFit) -> list[CoreCheck]:
-    """Thermocouples in the cores of a fit's records; the comparison may hold records that the fit has not."""
+    """Thermocouples in the cores of a fit's records; the comparison may contain further records."""
     sources = [m.source for m in fit.problem.records]
     checks = [(comparison.sources[c.record], c) for c in comparison.refitted.core_checks]
     return [replace(c, record=sources.index(s)) for s, c in checks if sources.count(s) == 1]

@@ -1,4 +1,4 @@
-"""How far the numbers of a fit are known apart: their correlation as a table."""
+"""Correlation of the numbers of a fit as a table: how well they are known separately."""
 
 from html import escape
 
@@ -11,13 +11,13 @@ from bms_gateway.report.page import paragraph
 from bms_gateway.thermal import Floats
 
 APART = 0.9
-"""Beyond it two numbers are known by one combination of them only."""
+"""Correlation above which only one combination of two numbers is known."""
 MOST, TOLD = 40, 6
-"""Numbers of a table, and pairs of which it is said that they are hardly known apart."""
+"""Most numbers in a table, and most reported pairs that are hardly known separately."""
 
 
 def correlations(fit: MapFit) -> tuple[list[str], Floats]:
-    """Give a fit's numbers that are no starts, each by its label, and their correlation (P, P)."""
+    """Return a fit's numbers except the starts, each by its label, and their correlation (P, P)."""
     at = shown(fit)
     covariance = posterior(fit)[np.ix_(at, at)]
     sd = np.sqrt(np.diag(covariance))
@@ -25,14 +25,14 @@ def correlations(fit: MapFit) -> tuple[list[str], Floats]:
 
 
 def shown(fit: MapFit) -> list[int]:
-    """Give the places of the numbers of a fit that are no starts."""
+    """Return the places of the numbers of a fit except the starts."""
     return [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
 
 
 def correlation_table(fit: MapFit) -> str:
-    """Give the correlation of a fit's numbers as a table, with a sentence on those that are not known apart.
+    """Return the correlation of a fit's numbers as a table, with a sentence on numbers that are not known separately.
 
-    Labels are long: the head of a column has the place of its number in the rows.
+    Labels are long: the head of a column has only the position of its number in the rows.
     """
     names, r = correlations(fit)
     n = len(names)

@@ -1,22 +1,24 @@
-"""The common part of all reports, models against readings: the cards on top, errors, overlays, regimes, cores."""
+"""The common part of all reports, models against readings: the cards at the top, errors, overlays, regimes, cores."""
 
 from collections.abc import Sequence
 from html import escape
 
 from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_band import half_width_K
+from bms_gateway.diagnosis.core_known import unlike, unseen
 from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.core_text import UNKNOWN_K
+from bms_gateway.report.core_text import UNKNOWN_K, half_width, rests_on
 from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
-from bms_gateway.report.html_tables import at_limits, cores_table, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.html_tables import at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
 from bms_gateway.report.show import number
 
 MANY = 6
-"""Overlays on a page up to which they are drawn large."""
+"""Greatest number of overlays on a page for which they are drawn large."""
 
 
 def _sample(shape: str) -> str:
@@ -29,7 +31,7 @@ KEY = (
     _sample('<path d="M0 6H34" stroke="#777" stroke-width=".8"/>') + "reading minus model",
     _sample('<path d="M0 6H34" stroke="#777" stroke-width="3"/>') + "its mean over a minute",
 )
-"""What the legends of the overlays do not say."""
+"""Keys that the legends of the overlays lack."""
 
 
 def summary(models: Sequence[Shown]) -> str:
@@ -38,7 +40,7 @@ def summary(models: Sequence[Shown]) -> str:
     Parameters
     ----------
     models : sequence of Shown
-        The last one's numbers are told.
+        The cards show the numbers of the last one.
     """
     last_fit = models[-1].fit
     levels = [m.levels for m in models]
@@ -50,13 +52,15 @@ def summary(models: Sequence[Shown]) -> str:
         found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
     half = [m.worst_core for m in models]
     line = f"cell {half[-1][1]}, known least"
-    line += f": ± {number(half[-1][0])} K" if half[-1][0] > UNKNOWN_K else ""
-    told = [f"± {number(h)} K" if h <= UNKNOWN_K else "not known" for h, _ in half]
+    line += ", without a thermocouple" if half[-1][1] in unseen(last_fit) else ""
+    line += f": ± {half_width(half[-1][0])} K" if half[-1][0] > UNKNOWN_K else ""
+    told = [f"± {half_width(h)} K" if h <= UNKNOWN_K else "not known" for h, _ in half]
     found.append(Card("Core, 95 % band", " → ".join(told), line))
     lost, stuck = unlearnt(last_fit), at_limits(last_fit)
-    line = "these parameters stay at their prior" if lost else "the data determine every free parameter"
-    line = f"at a limit, so not used: {', '.join(stuck)}" if stuck else line
-    found.append(Card("Not identifiable", ", ".join(lost) or "nothing", line))
+    lines = [f"at a limit, so not used: {', '.join(stuck)}"] if stuck else []
+    lines += [f"these stay as they were known before: {', '.join(lost)}"] if lost else []
+    line = "; ".join(lines) or "the data determine every free parameter"
+    found.append(Card("Not identifiable", f"{len(lost)} of {free(last_fit)} parameters" if lost else "nothing", line))
     return cards(found)
 
 
@@ -65,14 +69,14 @@ def _arrow(values: Sequence[str]) -> str:
 
 
 def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[str]:
-    """Give the sections that show models against readings.
+    """Return the sections that compare models with readings.
 
     Parameters
     ----------
     models : sequence of Shown
         One, or before and after; of the same records.
     checks : sequence of CoreCheck
-        Thermocouples in cores, which no fit has seen.
+        Thermocouples in cores that no fit has used.
     """
     said = (HELD_KEY, *KEY) if models[0].levels[1].readings else KEY
     key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in said) + "</ul>"
@@ -83,6 +87,7 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
             "core",
             "Core temperature",
             cores_table(models),
+            paragraph(rests_on(unseen(models[-1].fit), unlike(models[-1].fit))) if unseen(models[-1].fit) else "",
             thermocouples_table(models, checks),
             *_cores(models, checks),
         ),
@@ -90,7 +95,7 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
 
 
 def missing_heat(found: Latent, fit: MapFit) -> str:
-    """Draw the heat that a fit misses and what it follows, a table of features below; where none is, say so."""
+    """Draw the missing heat of a fit and the features that it follows, with a table; say so if there is none."""
     if structure(fit).z <= MISSING_Z:
         return paragraph(found.sentence)
     parts = [paragraph(found.sentence)]
@@ -132,7 +137,6 @@ def _overlays(models: Sequence[Shown]) -> list[str]:
 
 
 def _cores(models: Sequence[Shown], checks: Sequence[CoreCheck]) -> list[str]:
-    names = [m.name for m in models]
     found = []
     for r, m in enumerate(models[0].fit.problem.records):
         check = next((c for c in checks if c.record == r), None)
@@ -141,9 +145,13 @@ def _cores(models: Sequence[Shown], checks: Sequence[CoreCheck]) -> list[str]:
         cell = check.cell if check else hottest
         time = clock(float(last.time_s.max()))
         thermocouple = (check.time_s, check.measured) if check else None
-        spec = cores([x.cores[r] for x in models], names, cell, m, time, thermocouple)
+        spec = cores(models, r, cell, m, time, thermocouple)
         caption = f"Core of cell {cell}{', the hottest,' if cell == hottest and last.T_c.shape[1] > 1 else ''} "
         caption += "with its 95 % band."
+        caption += f" {rests_on([cell], unlike(models[-1].fit))}" if cell in unseen(models[-1].fit) else ""
+        caption += "" if all(x.proven for x in models) else " Hatched: core not proven."
+        vague = [x.name for x in models if half_width_K(x.cores)[cell - 1] > UNKNOWN_K]
+        caption += f" Without a line, because the core is not known: {' and '.join(vague)}." if vague else ""
         told = f"Core temperature of cell {cell} over time with its 95 percent band"
         found.append(figure(f"core-{r + 1}", spec, caption, described=told, time=r))
     return found

@@ -1,7 +1,7 @@
 """Figures of the reports as specifications of plotly.
 
-Colours are of Okabe and Ito's set, which people with any common colour blindness can tell apart; line styles say the
-same once more, for print without colour.
+Colours are of Okabe and Ito's set, which people with any common colour blindness can distinguish; line styles repeat
+the distinction for print without colour.
 """
 
 from collections.abc import Sequence
@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnosis.core_band import BAND_SD, CoreBand
+from bms_gateway.diagnosis.core_band import BAND_SD, half_width_K
 from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.diagnosis.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, smooth
+from bms_gateway.report.core_text import UNKNOWN_K
+from bms_gateway.report.html_series import Clock, Shown, Trace, broken, envelope, held_out, smooth
 from bms_gateway.report.page import Figure, numbers
+from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.report.words import unit
 from bms_gateway.thermal import Floats
 
@@ -28,29 +30,32 @@ BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE = (
     "#cc79a7",
 )
 MEASURED = "#4d4d4d"
-STYLES = ((VERMILLION, "dash"), (BLUE, "solid"))
-"""Colour and line style of the model before and after."""
+ROAD = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+"""Colours of the steps in their order, as on the page: from the file, refitted, one for each addition."""
 HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
-"""Of the cells whose missing heat is drawn."""
+"""Colours of the cells whose missing heat is drawn."""
 HEAT_PX, FEATURE_PX, GAP_PX = 165, 95, 18
 EDGES_PX = 76
 """Above and below the panels of a figure."""
+SURFACE = "surface, °C"
 PER_MIN = 60_000.0
 """l/min in a m³/s."""
 FLOW_MOVES = 0.01
-"""Of the nominal flow: below, the flow counts as constant and is not drawn."""
+"""Share of the nominal flow: with smaller changes, the flow counts as constant and is not drawn."""
 FEATURES, WORTH = 2, 0.02
-"""Features drawn below it, and the share of the misfit from which one is worth showing."""
+"""Features drawn below it, and the least share of the misfit of a shown feature."""
 COARSE_K = 0.02
-"""Noise of one reading from which hundredths of a kelvin are drawn and no thousandths."""
+"""Noise of one reading above which hundredths of a kelvin are drawn and no thousandths."""
 STEPS = "hvh"
-"""Line of a value that is held around its sample, not on its way to the next."""
+"""Line of a value that is constant around its sample, and not interpolated to the next."""
+HATCH = {"shape": "/", "size": 8, "solidity": 0.25}
+"""Fill of a band whose core is not proven."""
 HELD = "rgba(0,0,0,0.075)"
 GRID = "#e3e3e3"
 
 
 def layout(height: int, m: Measured, clock: Clock, **more: Any) -> dict[str, Any]:
-    """Give what all figures over the time of a record have in common."""
+    """Return the common layout of all figures over the time of a record."""
     t = instants_of(m)
     x = axis(f"time, {clock.unit}", range=clock(t[[0, -1]]))
     return {
@@ -68,7 +73,7 @@ def layout(height: int, m: Measured, clock: Clock, **more: Any) -> dict[str, Any
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
-    """Give one axis with a title and a grid."""
+    """Return one axis with a title and a grid."""
     return {
         "title": {"text": title, "standoff": 6},
         "gridcolor": GRID,
@@ -82,13 +87,13 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def line(x: Sequence[float], y: Sequence[float | None], name: str, color: str, **more: Any) -> dict[str, Any]:
-    """Give one line."""
+    """Return one line."""
     style = {"color": color, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
     return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": style, **more}
 
 
 def shaded(m: Measured, clock: Clock) -> list[dict[str, Any]]:
-    """Draw held-out stretches as grey ground."""
+    """Draw held-out stretches as a grey background."""
     return [
         {
             "type": "rect",
@@ -113,7 +118,7 @@ def _level(y: float, axis_name: str) -> dict[str, Any]:
 
 
 def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, points: int, height: int) -> Figure:
-    """Draw readings and models of one sensor, and below what the models leave over.
+    """Draw readings and models of one sensor, and the residuals below.
 
     Parameters
     ----------
@@ -134,13 +139,13 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
         return clock(t), numbers(few, digits)
 
     data = [line(*thin(trace.measured), "measured", MEASURED, width=1)]
-    for name, model, (color, dash) in zip(names, trace.models, STYLES, strict=False):
+    for name, model, (color, dash) in zip(names, trace.models, styles(names), strict=True):
         data.append(line(*thin(model), name, color, dash=dash, width=2, legendgroup=name))
     small: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
-    for name, model, (color, _) in zip(names, trace.models, STYLES, strict=False):
+    for name, model, (color, _) in zip(names, trace.models, styles(names), strict=True):
         each = line(*thin(trace.measured - model), name, color, width=0.7, opacity=0.4, legendgroup=name, **small)
         data.append({**each, "hoverinfo": "skip"})
-    for name, model, (color, dash) in zip(names, trace.models, STYLES, strict=False):
+    for name, model, (color, dash) in zip(names, trace.models, styles(names), strict=True):
         t, mean = broken(*smooth(trace.time_s, trace.measured - model, trace.breaks_s), trace.breaks_s)
         data.append(line(clock(t), numbers(mean), name, color, dash=dash, width=2.4, legendgroup=name, **small))
     band = [_level(s * 2.0 * trace.sigma_K, "y2") for s in (-1.0, 1.0)]
@@ -148,7 +153,7 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
         height,
         m,
         clock,
-        yaxis=axis(f"cell {trace.cell}: surface, °C", domain=[0.47, 1.0]),
+        yaxis=axis(SURFACE, domain=[0.47, 1.0]),
         yaxis2=axis("residual, K", domain=[0.0, 0.41], zeroline=True, zerolinecolor="#777777"),
         shapes=[*shaded(m, clock), *band],
     )
@@ -157,7 +162,7 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
 
 
 def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
-    """Draw what drove the string: current, inlet, and of charge and flow what is known; flow is told of the nominal."""
+    """Draw the inputs of the string: current, inlet, and, if known, charge and flow (over the nominal flow)."""
     u = m.drive
     inlet = "inlet, °C"
     rows = [("current, A", u.I, BLACK), (inlet, u.T_in, BLUE)]
@@ -182,28 +187,45 @@ def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) ->
 
 
 def cores(
-    bands: Sequence[CoreBand],
-    names: Sequence[str],
+    models: Sequence[Shown],
+    record: int,
     cell: int,
     m: Measured,
     clock: Clock,
     thermocouple: tuple[Floats, Floats] | None = None,
 ) -> Figure:
-    """Draw the core of one cell with its 95 % band, before and after, and a thermocouple in it where there is one."""
+    """Draw the core of one cell with its 95 % band, before and after, and its thermocouple if there is one.
+
+    Parameters
+    ----------
+    models : sequence of Shown
+        Bands of cores that are not proven are hatched; for a core that is not known only the band is drawn.
+    record, cell : int
+        Record from 0, cell from 1.
+    m : Measured
+        The record.
+    clock : Clock
+    thermocouple : tuple of ndarray, ndarray (K,), optional
+        Times, s, and readings, °C.
+    """
     data: list[dict[str, Any]] = []
-    k = cell - 1
-    for band, name, (color, _) in zip(bands, names, STYLES, strict=False):
+    k, looks = cell - 1, styles([x.name for x in models])
+    for x, (color, _) in zip(models, looks, strict=True):
+        band, name = x.cores[record], x.name
         half = BAND_SD * band.total_K[:, k]
         t = clock(band.time_s)
         low, high = numbers(band.T_c[:, k] - half), numbers(band.T_c[:, k] + half)
         edge = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "legendgroup": name}
         data.append({"type": "scatter", "x": t, "y": low, "name": name, **edge})
-        fill = {"fill": "tonexty", "fillcolor": faint(color)}
+        hatch = {**HATCH, "fgcolor": faint(color, 0.55), "bgcolor": faint(color)}
+        fill = {"fill": "tonexty", **({"fillcolor": faint(color)} if x.proven else {"fillpattern": hatch})}
         data.append({"type": "scatter", "x": t, "y": high, "name": name, **fill, **edge})
-    for band, name, (color, dash) in zip(bands, names, STYLES, strict=False):
-        data.append(
-            line(clock(band.time_s), numbers(band.T_c[:, k]), name, color, dash=dash, width=2, legendgroup=name)
-        )
+    for x, (color, dash) in zip(models, looks, strict=True):
+        if half_width_K(x.cores)[k] > UNKNOWN_K:
+            continue
+        band = x.cores[record]
+        core = numbers(band.T_c[:, k])
+        data.append(line(clock(band.time_s), core, x.name, color, dash=dash, width=2, legendgroup=x.name))
     if thermocouple is not None:
         t_s, y = envelope(*thermocouple, 2000)
         data.append(line(clock(t_s), numbers(y), "thermocouple in the core", BLACK, width=1.3, dash="dot"))
@@ -212,7 +234,7 @@ def cores(
 
 
 def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
-    """Draw the missing heat of the cells that miss most, and below the features that explain most of it."""
+    """Draw the missing heat of the cells with most of it, and below the features that explain most of it."""
     of_node = [h for h in found.heats if h.node == found.node]
     mine = sorted((h for h in of_node if h.record == record), key=lambda h: -h.rms_W)[: len(HEATS)]
     worst = [h is mine[0] for h in of_node].index(True)
@@ -255,8 +277,27 @@ def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
     return {"data": data, "layout": spec}
 
 
+def styles(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return colour and line style of each step: the newest one's line is solid, earlier ones are dashed.
+
+    Examples
+    --------
+    >>> styles([FILED, REFITTED])
+    [('#d55e00', 'dash'), ('#0072b2', 'solid')]
+    >>> styles([REFITTED, "+ coolant arrives late (coolant_delay)"])
+    [('#0072b2', 'dash'), ('#009e73', 'solid')]
+    """
+    place, found = {FILED: 0, REFITTED: 1}, []
+    added = (k for k in range(2, len(ROAD)))
+    for name in names:
+        if name not in place:
+            place[name] = next(added)
+        found.append((ROAD[place[name]], "solid" if name == names[-1] else "dash"))
+    return found
+
+
 def faint(color: str, share: float = 0.16) -> str:
-    """Return the colour as a see-through fill.
+    """Return the colour as a transparent fill.
 
     Examples
     --------

@@ -30,9 +30,9 @@ HATCH = (
 
 
 def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
-    """Give the ranking with evidence bars; what is named and tied stands out, what is refused is hatched.
+    """Return the ranking with evidence bars; named and tied effects are emphasised, refused ones are hatched.
 
-    Bars that are weighed against different models stand in parts of their own, each with its scale.
+    Bars with different models of comparison are in separate parts, each with its scale.
     """
     if not ranked:
         return ""
@@ -121,7 +121,7 @@ def _anchor(place: float) -> str:
 
 
 def follows_table(found: Latent) -> str:
-    """Features that the missing heat may follow, with the share of the misfit that goes with each."""
+    """Features that the missing heat may follow, with the share of the misfit that each explains."""
     if not any(f.share >= WORTH for f in found.follows):
         return ""
     rows = [
@@ -143,7 +143,7 @@ def follows_table(found: Latent) -> str:
 
 
 def experiment_table(e: Experiment) -> str:
-    """List tests with the log-odds that they can be expected to bring, pair by pair."""
+    """List tests with their expected log-odds, pair by pair."""
     parts = []
     for p in e.partings:
         if p.sentence != e.sentence:
@@ -159,7 +159,7 @@ def experiment_table(e: Experiment) -> str:
 
 
 def detectability_table(card: Card) -> str:
-    """Smallest size of each effect that the data could show; effects of many places in one row."""
+    """Smallest size of each effect that the data could show; effects with many places are in one row."""
     rows = []
     for name in dict.fromkeys(d.effect for d in card.effects):
         mine = [d for d in card.effects if d.effect == name]

@@ -15,14 +15,15 @@ from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 
 MOST_POINTS = 4000
-"""Per trace: more than a screen has columns."""
+"""Points per trace: more than a screen has columns."""
 ALL_POINTS = 60_000
-"""Of the readings' traces of a page together, three quarters of a megabyte: a dozen sensors get fewer points each."""
+"""Points of all traces of readings on a page, three quarters of a megabyte: with a dozen sensors, each gets fewer
+points."""
 SMOOTH_S = 60.0
-"""Time over which a residual is averaged for the eye: core and surface exchange heat in tens of seconds."""
+"""Averaging time of a shown residual: core and surface exchange heat in tens of seconds."""
 HOURS_FROM_S = 3.0 * 3600.0
 LEAST_ROWS = 3
-"""Readings from which on the usual time between two is known."""
+"""Number of readings above which the usual time between two is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,21 +37,24 @@ class Shown:
     fit : MapFit
     sensors : tuple of Sensor
     cores : tuple of CoreBand, one per record
+    proven : bool
+        Whether its cores are proven; otherwise their bands are hatched.
     """
 
     name: str
     fit: MapFit
     sensors: tuple[Sensor, ...]
     cores: tuple[CoreBand, ...]
+    proven: bool = True
 
     @classmethod
-    def of(cls, name: str, v: Variant) -> "Shown":
-        """Show a variant of a comparison under a name."""
-        return cls(name, v.fit, v.sensors, v.cores)
+    def of(cls, name: str, v: Variant, proven: bool = True) -> "Shown":
+        """Return a variant of a comparison under a name."""
+        return cls(name, v.fit, v.sensors, v.cores, proven)
 
     @property
     def levels(self) -> tuple[Level, Level]:
-        """Errors of all sensors together: readings fitted to, readings held out."""
+        """Errors of all sensors together: fitted readings, held-out readings."""
         y, sigma, _, _, used = stacked(self.fit.problem)
         return level(y - self.fit.y, sigma, used), level(y - self.fit.y, sigma, ~used)
 
@@ -61,15 +65,15 @@ class Shown:
         return float(half.max()), int(np.argmax(half)) + 1
 
 
-def shown(name: str, fit: MapFit, cores: Sequence[CoreBand] = ()) -> Shown:
-    """Look at a fit as a page shows it; with the cores as they are known, where that is worked out already."""
+def shown(name: str, fit: MapFit, cores: Sequence[CoreBand] = (), proven: bool = True) -> Shown:
+    """Return a fit in the form for a page; with its cores, if they are already computed."""
     found = sensors(fit)
-    return Shown(name, fit, found, tuple(cores) or core_bands(fit, nearest(found, fit.problem.model.cells)))
+    return Shown(name, fit, found, tuple(cores) or core_bands(fit, nearest(found, fit.problem.model.cells)), proven)
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One thermocouple of one record and what the models make of it.
+    """One thermocouple of one record, with the models.
 
     Attributes
     ----------
@@ -78,11 +82,11 @@ class Trace:
     time_s : ndarray (K,), s since the record began
     measured : ndarray (K,), °C
     models : tuple of ndarray (K,), °C
-        Before and, where there is one, after.
+        Before and, if there is one, after.
     sigma_K : float
         Noise and rounding of one reading.
     breaks_s : tuple of float
-        Where a stretch with a start of its own begins, and where readings are missing for long: lines are open there.
+        Starts of stretches with their own start, and long times without readings: lines are interrupted there.
     """
 
     record: int
@@ -102,7 +106,7 @@ class Clock:
     unit: str
 
     def __call__(self, t: Floats) -> list[float]:
-        """Give times as the axis shows them, to a twentieth of a second or better."""
+        """Convert times to the unit of the axis, to a twentieth of a second or better."""
         return [round(x, 4) for x in (np.asarray(t) / self.seconds).tolist()]
 
 
@@ -112,7 +116,7 @@ def clock(longest_s: float) -> Clock:
 
 
 def traces_of(fits: Sequence[MapFit]) -> list[Trace]:
-    """Give readings beside the models of several fits of the same records."""
+    """Return readings with the models of several fits of the same records."""
     found, first = [], 0
     _, sigma, _, _, _ = stacked(fits[0].problem)
     for r, m in enumerate(fits[0].problem.records):
@@ -130,7 +134,7 @@ def traces_of(fits: Sequence[MapFit]) -> list[Trace]:
 
 
 def held_out(m: Measured) -> list[tuple[float, float]]:
-    """Find stretches of time, s since the record began, whose readings were never fitted to."""
+    """Find stretches of time, s since the record began, whose readings were never fitted."""
     order = np.argsort(seconds_of(m), kind="stable")
     t, held = seconds_of(m)[order], ~m.used[order]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
@@ -150,8 +154,8 @@ def envelope(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:
     Returns
     -------
     t, y : ndarray (≤ most,)
-        The series itself where it is short, else least and greatest value of each of `most`/2 stretches of equal
-        length, where they occurred.
+        The series itself if it is short, else least and greatest value of each of `most`/2 stretches of equal length,
+        at their times.
     """
     n = len(y)
     if n <= most:
@@ -173,14 +177,14 @@ def smooth(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Flo
 
 
 def broken(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Floats]:
-    """Open a line where a gap parts it: a point without a value stands in each."""
+    """Interrupt a line at each gap, by a point without a value."""
     at = np.searchsorted(t, np.asarray(breaks_s))
     inside = (at > 0) & (at < len(t))
     return np.insert(t, at[inside], np.asarray(breaks_s)[inside]), np.insert(y, at[inside], np.nan)
 
 
 def missing_in(t: Floats) -> tuple[float, ...]:
-    """Tell the middle of each time without readings that is so long that a straight line would claim too much, s.
+    """Return the middle, s, of each time without readings that is too long for a straight line.
 
     Examples
     --------
@@ -196,12 +200,12 @@ def missing_in(t: Floats) -> tuple[float, ...]:
 
 
 def points_each(traces: int) -> int:
-    """Say how many points a trace of a page may have."""
+    """Return the number of points that a trace of a page may have."""
     return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
 
 
 def breaks_of(m: Measured) -> tuple[float, ...]:
-    """Tell where stretches with a start of their own begin, s since the record began."""
+    """Return the beginnings of stretches with their own start, s since the record began."""
     t = instants_of(m)
     first = np.cumsum([len(s) + 1 for s in m.spans])[:-1]
     return tuple(float(x) for x in t[first])

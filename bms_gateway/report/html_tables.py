@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, DOUBTED, DOUBTED_FORMAT, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnosis.curve import Curve
@@ -15,11 +15,10 @@ from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.errors import counted
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.core_text import OUTSIDE
+from bms_gateway.report.core_text import OUTSIDE, UNKNOWN_K, half_width
 from bms_gateway.report.diagnosis_text import WITH_SD, with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
-from bms_gateway.report.show import number
 from bms_gateway.report.words import unit
 from bms_gateway.thermal import KINDS, StringModel
 from bms_gateway.thermal.centre import probe_lever
@@ -27,15 +26,15 @@ from bms_gateway.thermal.effects import EffectParameter, effect_named
 
 FEATURES_SHOWN = 6
 SENSORS_SHOWN, TOGETHER = 16, 12
-"""Sensors in a heat map at most, and columns up to which before and after stand in one."""
+"""Most sensors in a heat map, and most columns for which before and after are in one map."""
 TAP = "Tap a value: its number of readings, its sd and its RMSE stand here."
-"""Below a map, until `told.js` tells of a value."""
+"""Text below a map until `told.js` shows a value."""
 BESIDE = 4
-"""Columns up to which two heat maps stand side by side."""
+"""Most columns for which two heat maps are side by side."""
 
 
 def errors_table(models: Sequence[Shown], *, noted: bool = True) -> str:
-    """Errors per sensor, each model's columns side by side; `noted`: with what the columns are, below."""
+    """Errors per sensor, each model's columns side by side; `noted`: with an explanation of the columns below."""
     held = bool(models[0].levels[1].readings)
     columns = ("fitted, K", *(("held-out, K",) if held else ()), "structured, K", "z")
     groups = [("", ["surface", "noise, K"]), *((m.name, columns) for m in models)]
@@ -58,7 +57,7 @@ def errors_table(models: Sequence[Shown], *, noted: bool = True) -> str:
 
 
 def errors_apart(models: Sequence[Shown]) -> str:
-    """Errors per sensor, one table after the other, where there is no room for columns side by side."""
+    """Errors per sensor, one table after the other, if there is no room for columns side by side."""
     return "".join(errors_table([m], noted=m is models[-1]) for m in models)
 
 
@@ -75,9 +74,9 @@ def _levels(trained: Level, held: Level) -> list[str]:
 
 
 def cores_table(models: Sequence[Shown]) -> str:
-    """Hottest core of each cell with its 95 % band."""
+    """Hottest core of each cell with its 95 % band; for a core that is not known only the band."""
     several = len(models[0].cores) > 1
-    columns = ("hottest, °C", "± 95 % there, K", "± 95 %, K")
+    columns = ("hottest, °C", "± 95 % then, K", "± 95 %, rms, K")
     half = [half_width_K(m.cores) for m in models]
     groups = [("", ["core"]), *((m.name, columns) for m in models)]
     rows = []
@@ -87,13 +86,14 @@ def cores_table(models: Sequence[Shown]) -> str:
             for m, of in zip(models, half, strict=True):
                 b = m.cores[r]
                 at = int(np.argmax(b.T_c[:, k]))
-                row += [f"{b.T_c[at, k]:.2f}", number(BAND_SD * b.total_K[at, k]), number(of[k])]
+                hottest = f"{b.T_c[at, k]:.2f}" if of[k] <= UNKNOWN_K else '<span class="alarm">not known</span>'
+                row += [hottest, half_width(BAND_SD * b.total_K[at, k]), half_width(of[k])]
             rows.append(row)
     return grouped(groups, rows)
 
 
 def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) -> str:
-    """Models against thermocouples in cores, which no fit has seen."""
+    """Models against thermocouples in cores that no fit has used."""
     if not checks:
         return ""
     groups = [("", ["core thermocouple"]), *((m.name, ("RMSE, K", "mean, K", "inside 95 %")) for m in models)]
@@ -114,43 +114,48 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
 
 
 def unlearnt(fit: MapFit) -> list[str]:
-    """Labels of the numbers that the records do not tell."""
+    """Labels of the numbers that the records do not determine."""
     return [called(c) for c, _, _, status in _free(fit) if status.startswith(UNIDENTIFIABLE)]
 
 
+def free(fit: MapFit) -> int:
+    """Count the numbers that the records could determine."""
+    return len(_free(fit))
+
+
 def at_limits(fit: MapFit) -> list[str]:
-    """Labels of the numbers that ended on a limit: an alarm, not an answer."""
+    """Labels of the numbers that ended at a limit: an alarm, not a result."""
     return [called(c) for c, _, _, status in _free(fit) if status == AT_BOUND]
 
 
 def called(c: Coordinate) -> str:
-    """Give a number of a model by its label, its symbol in brackets."""
+    """Return a number of a model by its label, with its symbol in brackets."""
     name, _, record = c.name.partition("@")
     label = KINDS[name].description if c.effect is None else _parameter(c).description
     return f"{label} ({name}{f', record {record}' if record else ''})"
 
 
 def _parameter(c: Coordinate) -> EffectParameter:
-    """Give the number of an effect that a coordinate of a fit, such as `cell_cooling:2.a`, is."""
+    """Return the number of an effect for a coordinate of a fit, such as `cell_cooling:2.a`."""
     effect, _, name = c.name.rpartition(".")
     return effect_named(effect.partition(":")[0]).parameter(name)
 
 
 @dataclass(frozen=True, slots=True)
 class ShownAs:
-    """How a coordinate of a fit becomes a number for people: a factor, whether it is a logarithm, and the unit."""
+    """Conversion of a coordinate of a fit to a number for people: a factor, whether it is a logarithm, and the unit."""
 
     scale: float
     log: bool
     unit: str
 
     def value(self, z: float) -> float:
-        """Give the number."""
+        """Return the number."""
         return self.scale * (float(np.exp(z)) if self.log else z)
 
 
 def shown_as(c: Coordinate, model: StringModel) -> ShownAs:
-    """Say how a coordinate of a model's fit is shown."""
+    """Return how a coordinate of a model's fit is shown."""
     if c.effect is None:
         name, _, _ = c.name.partition("@")
         kind, prior = KINDS[name], np.asarray(model.priors[name].value)
@@ -159,15 +164,24 @@ def shown_as(c: Coordinate, model: StringModel) -> ShownAs:
     return ShownAs(1.0 / p.to_si, p.log, unit(p.unit))
 
 
-def parameters_table(fit: MapFit, *, narrow: bool = False) -> str:
-    """Numbers of a fit with sd, prior, limits, and what is to be thought of them; `narrow`: units beside the labels."""
+def parameters_table(fit: MapFit, *, doubted: bool = False, narrow: bool = False) -> str:
+    """Numbers of a fit with sd, prior, limits, and status.
+
+    Parameters
+    ----------
+    fit : MapFit
+    doubted : bool
+        As for `KnownCore.numbers_doubted`.
+    narrow : bool
+        Whether units are beside the labels.
+    """
     rows = []
-    for c, z, sd, status in _free(fit):
+    for c, z, sd, status in _free(fit, doubted):
         s = shown_as(c, fit.problem.model)
         value, spread = s.value(z), (s.value(z) if s.log else s.scale) * sd
         before = f"{amount(s.value(c.prior))} ± " + (f"{100 * c.sd:.0f} %" if s.log else amount(s.scale * c.sd))
         limits = s.value(c.lower), s.value(c.upper)
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT, DOUBTED, DOUBTED_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [
@@ -183,15 +197,15 @@ def parameters_table(fit: MapFit, *, narrow: bool = False) -> str:
     return table(["number", *heads], rows, words=(0, 4) if narrow else (0, 2, 5))
 
 
-def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
-    """Give each free number that is no start: coordinate, value, sd, and whether the records tell it."""
+def _free(fit: MapFit, doubted: bool = False) -> list[tuple[Coordinate, float, float, str]]:
+    """Return each free number except the starts: coordinate, value, sd, and status."""
     sd = np.sqrt(np.diag(posterior(fit)))
-    rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit), strict=False)
+    rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit, doubted=doubted), strict=False)
     return [(c, float(z), float(s), status) for c, z, s, status in rows if not c.only_start]
 
 
 def curve_table(c: Curve) -> str:
-    """Give a coefficient over the SOC with its standard deviation."""
+    """Return a coefficient over the SOC with its standard deviation."""
     rows = [
         [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
         for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)
@@ -257,7 +271,7 @@ def _first(i: int) -> str:
 
 
 def _features(models: Sequence[Shown]) -> list[str]:
-    """Name `always`, and the features whose bins explain most of what the first model leaves over, over all sensors."""
+    """Return `always`, and the features whose bins explain most of the first model's residual, over all sensors."""
     first = models[0].sensors
     weight: dict[str, float] = {}
     for s in first:

@@ -1,7 +1,7 @@
-"""A first look at a table: its columns with their first values, what each is taken for, and what it may be.
+"""A first look at a table: its columns with their first values, the interpretation of each, and proposals.
 
-The reader is that of all commands. What the names and `--columns` tell is as `read_table` takes it; the rest is
-proposed for a person to confirm.
+The reader is that of all commands. What names and `--columns` state is interpreted as in `read_table`; for the rest
+there are proposals that a person must confirm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from bms_gateway.errors import DataError
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, quantity_of, split_unit
 from bms_gateway.report.dates import date_form
 from bms_gateway.report.file_rows import Rows
@@ -21,13 +22,13 @@ from bms_gateway.report.table_cells import is_number
 from bms_gateway.thermal import Floats
 
 SHOWN: Final = 4
-"""Cells of a column."""
+"""Number of shown cells of a column."""
 DRAWN: Final = 80
-"""Points of its curve."""
+"""Number of points of its curve."""
 MOST_UNREAD: Final = 5
-"""Columns without numbers that are told one by one."""
+"""Number of columns without numbers that are named one by one."""
 MOST: Final = 300
-"""Columns that are shown."""
+"""Number of shown columns."""
 
 
 def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
     Raises
     ------
     DataError
-        As `read_table`.
+        As for `read_table`.
     """
     told = columns or {}
     with open_table(path) as rows:
@@ -67,27 +68,38 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             "missing": [name for name in REQUIRED if name not in found],
             "inlet": next((c.column for c in found.values() if c.constant is not None), ""),
             "surfaces": any(n.startswith("surface_") for n in found),
-            "notes": [*rows.notes, *_unread(rows, shown, dated)],
+            "notes": [*rows.notes, *_unread(rows, shown, dated), *_wild(shown)],
             "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},
         }
 
 
 def _unread(rows: Rows, shown: Sequence[Mapping[str, Any]], dated: str) -> list[str]:
-    """Say which columns hold no numbers, by the first cell that is none."""
+    """Say which columns contain no numbers, with the first cell of each that is not a number."""
     told = []
     for c in shown:
         if not c["name"] or c["name"] == dated or "low" in c:
             continue
         cells = rows.sample(c["name"])
         word = next((cell.strip() for cell in cells if cell.strip() and not is_number(cell.strip())), None)
-        told.append(f"{c['name']!r} " + ("is empty" if word is None else f"holds no numbers but {word[:20]!r}"))
+        told.append(f"{c['name']!r} " + ("is empty" if word is None else f"holds {word[:20]!r}, which is no number"))
     if len(told) > MOST_UNREAD:
         told = [*told[:MOST_UNREAD], f"{len(told) - MOST_UNREAD} more columns hold no numbers"]
     return told
 
 
+def _wild(shown: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say which temperatures no cell or coolant can have: their unit is probably another."""
+    least, most = INPUTS["surface"].plausible
+    return [
+        f"{c['name']!r} would be {c['low']:.0f} to {c['high']:.0f} °C: is {c['unit'] or c['stated'] or '°C'} its unit?"
+        for c in shown
+        if c["ours"] and "low" in c and quantity_of(c["ours"]) == "temperature"
+        if c["high"] < least or c["low"] > most
+    ]
+
+
 def _units(quantity: str, written: Sequence[str]) -> list[str]:
-    """Give one name for each unit of a quantity, and those that the file writes."""
+    """Return one name for each unit of a quantity, and those in the file."""
     once: dict[tuple[float, float], str] = {}
     for unit, factors in UNITS[quantity].items():
         once.setdefault(factors, unit)
@@ -95,7 +107,7 @@ def _units(quantity: str, written: Sequence[str]) -> list[str]:
 
 
 def _numbers(rows: Rows, names: Sequence[str]) -> dict[str, Floats]:
-    """Give the first values of every column that holds numbers."""
+    """Return the first values of every column with numbers."""
     given = [n for n in names if n]
     try:
         return dict(next(rows.pieces(given, {})).values)
@@ -118,19 +130,19 @@ def _one(rows: Rows, name: str) -> Floats | None:
 
 @dataclass(frozen=True, slots=True)
 class _Looked:
-    """What the first rows of a table show of each column.
+    """First rows of a table, by column.
 
     Attributes
     ----------
     rows : Rows
     found : mapping of str to Column
-        Columns that are read as the table stands, by our name.
+        Columns that can be read without changes, by our name.
     told : mapping of str to str
         From `parse_columns`.
     proposed : mapping of str to Guess
         By the table's name.
     values : mapping of str to ndarray
-        First values of the columns that hold numbers, by the table's name.
+        First values of the columns with numbers, by the table's name.
     """
 
     rows: Rows
@@ -166,7 +178,7 @@ class _Looked:
         values = converted(x, Column(name, *factors), False)
         values = -values if flip else values
         if what == "soc" and factors == (1.0, 0.0) and is_percent(values):
-            values = 0.01 * values  # as the reader does by itself
+            values = 0.01 * values  # as the reader does without a request
         few = values[:: max(len(values) // DRAWN, 1)]
         return document | {
             "low": float(np.nanmin(values)),

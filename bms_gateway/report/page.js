@@ -25,7 +25,8 @@
   const PAPER = 690; // px between the margins of an A4 or Letter page, upright
   // these buttons and no others: one of plotly's own would send the data to its maker's server
   const buttons = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]];
-  const config = { displaylogo: false, responsive: true, modeBarButtons: buttons };
+  const NARROW = 600; // px, below which the buttons would lie on the legend
+  const config = { displaylogo: false, responsive: true, modeBarButtons: buttons, ...(innerWidth < NARROW ? { displayModeBar: false } : {}) };
   const plots = [];
   try {
     const script = document.createElement("script");

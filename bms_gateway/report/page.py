@@ -1,9 +1,9 @@
 """One self-contained HTML page: its parts are joined as text, and plotly's own script in it draws the figures.
 
-Figures are specifications of plotly in plain dictionaries. A page holds plotly's script and the specifications packed
-by LZMA, and a script of its own unpacks them: 1.5 of 4.8 MB, and a sixth of the specifications, which are packed
-together because they are much alike. Browsers unpack gzip by themselves, but plotly's script takes 2.0 MB so. The page
-forbids itself any request, by its content security policy.
+Figures are specifications of plotly in plain dictionaries. A page contains plotly's script and the specifications,
+compressed by LZMA, and a script of its own that unpacks them: 1.5 of 4.8 MB, and a sixth of the specifications, which
+are compressed together because they are similar. Browsers unpack gzip by themselves, but plotly's script then takes 2.0
+MB. The content security policy of the page forbids any request.
 """
 
 import base64
@@ -27,15 +27,15 @@ from bms_gateway.report.words import in_words
 from bms_gateway.whole import whole_text
 
 Figure = dict[str, Any]
-"""`data` and `layout` as plotly takes them."""
+"""`data` and `layout` in the form of plotly."""
 PACKING = {"preset": 6, "lc": 3, "lp": 0, "pb": 0}
-"""Of LZMA, which `unlzma.js` takes."""
+"""Settings of LZMA that `unlzma.js` can read."""
 IN_PLACE_OF_LESS = ","
-"""In base 85, which has no comma of its own."""
+"""Separator in base 85, which has no comma of its own."""
 SMALLER = "\\u003c"
-"""How a "<" is written in JSON within a page, so that no text of a figure ends its element."""
+"""Form of a "<" in JSON within a page, so that no text of a figure ends its element."""
 MOST_DIGITS = 6
-"""After the point, of numbers that are written as steps."""
+"""Most decimals of numbers that are written as steps."""
 _SPECIFICATION = re.compile(r'<script type="application/json" id="([\w-]+)-data">(.*?)</script>\n?', re.DOTALL)
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -45,7 +45,7 @@ POLICY = (
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One number that matters: what it is, the number, and a line that puts it in its place."""
+    """One important number: its name, the number, and a line that explains it."""
 
     title: str
     value: str
@@ -53,7 +53,7 @@ class Card:
 
 
 def amount(x: float, digits: int = 3) -> str:
-    """Write a number for people with so many significant digits, a dash for none.
+    """Write a number for people with `digits` significant digits, a dash for none.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def amount(x: float, digits: int = 3) -> str:
 
 
 def numbers(y: NDArray[np.float64], digits: int = 3) -> list[float | None]:
-    """Give plain numbers to so many decimals; what is missing is None."""
+    """Return plain numbers with `digits` decimals; None for NaN."""
     return [x if x == x else None for x in np.round(y, digits).tolist()]
 
 
@@ -82,7 +82,7 @@ def table(
     words: Sequence[int] = (0,),
     caption: str = "",
 ) -> str:
-    """Give a table.
+    """Return a table.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def table(
     rows : sequence of sequence of str
         HTML.
     words : sequence of int
-        Columns that hold words; the others hold numbers, which stand to the right.
+        Columns with words; the others have numbers, which are aligned to the right.
     caption : str
     """
 
@@ -108,7 +108,7 @@ def table(
 
 
 def grouped(groups: Sequence[tuple[str, Sequence[str]]], rows: Sequence[Sequence[str]], *, caption: str = "") -> str:
-    """Give a table of numbers whose columns stand in groups, each with a title over it.
+    """Return a table of numbers whose columns are in groups, each with a title over it.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def grouped(groups: Sequence[tuple[str, Sequence[str]]], rows: Sequence[Sequence
 
 
 def cards(some: Sequence[Card]) -> str:
-    """Give cards in a row."""
+    """Return cards in a row."""
 
     def one(c: Card) -> str:
         words = "" if re.search(r"\d", c.value) or len(c.value) < 12 else " words"
@@ -136,7 +136,7 @@ def cards(some: Sequence[Card]) -> str:
 
 
 def items(sentences: Sequence[str], *, verbatim: bool = False) -> str:
-    """Give sentences as a list, or nothing where there are none; names of files `verbatim`."""
+    """Return sentences as a list, or nothing without sentences; names of files `verbatim`."""
     if not sentences:
         return ""
     return (
@@ -147,12 +147,12 @@ def items(sentences: Sequence[str], *, verbatim: bool = False) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Give one paragraph."""
+    """Return one paragraph."""
     return f"<p>{escape(in_words(text))}</p>"
 
 
 def section(name: str, title: str, *parts: str) -> str:
-    """Give a section of the page, or nothing where it would hold nothing."""
+    """Return a section of the page, or nothing if it would be empty."""
     inside = "\n".join(p for p in parts if p)
     if not inside:
         return ""
@@ -161,7 +161,7 @@ def section(name: str, title: str, *parts: str) -> str:
 
 
 def figure(name: str, spec: Figure, caption: str, *, described: str, time: int | None = None) -> str:
-    """Give a place for a figure and its specification.
+    """Return the element of a figure and its specification.
 
     Parameters
     ----------
@@ -171,9 +171,9 @@ def figure(name: str, spec: Figure, caption: str, *, described: str, time: int |
     caption : str
         Below it.
     described : str
-        What it shows, for those who cannot see it.
+        Description of its content for people who cannot see it.
     time : int, optional
-        Record whose time its x axis is: figures of one record are zoomed together.
+        Record on its time axis: figures of one record are zoomed together.
     """
     linked = "" if time is None else f' data-time="{time}"'
     height = spec["layout"]["height"]
@@ -185,15 +185,15 @@ def figure(name: str, spec: Figure, caption: str, *, described: str, time: int |
 
 
 def _aside(name: str, spec: Figure) -> str:
-    """Give a specification as a part of the page's text until `write_page` packs all of them together."""
+    """Return a specification as a part of the page's text, until `write_page` compresses all of them together."""
     spec = {**spec, "data": [{k: differences(v) if k in "xy" else v for k, v in d.items()} for d in spec["data"]]}
     return f'<script type="application/json" id="{name}-data">{to_json(spec).replace("<", SMALLER)}</script>'
 
 
 def differences(values: Any) -> Any:
-    """Write numbers as their steps, which take half the room when packed; anything else stays as it is.
+    """Write numbers as their differences, which take half the space when compressed; other values are kept.
 
-    `page.js` adds them up again, to the same numbers: a whole number over a power of ten is what its decimals say.
+    `page.js` adds them up again, to the same numbers: a whole number over a power of ten equals its decimals.
 
     Examples
     --------
@@ -229,7 +229,7 @@ def _figures_apart(body: str) -> tuple[str, str]:
 
 
 def to_json(spec: Mapping[str, Any]) -> str:
-    """Write a specification as plotly takes it.
+    """Write a specification in the form of plotly.
 
     Examples
     --------
@@ -240,12 +240,12 @@ def to_json(spec: Mapping[str, Any]) -> str:
 
 
 def packed(name: str, content: bytes) -> str:
-    """Give an element that holds something for the page's script: LZMA in base 85, and how long it is unpacked.
+    """Return an element with content for the page's script: LZMA in base 85, and its unpacked length.
 
     Raises
     ------
     UsageError
-        This Python was built without LZMA, as is possible where a person has compiled it.
+        This Python was built without LZMA, as a person may have compiled it.
     """
     try:
         import lzma
@@ -268,14 +268,14 @@ def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> No
     path : Path
     title : str
     head : str
-        HTML of what stands on top.
+        HTML of the top.
     sections : sequence of str
         HTML; empty ones are left out.
 
     Raises
     ------
     MissingExtraError
-        No plotly.
+        plotly is not installed.
     UsageError
         The file cannot be written.
     """
@@ -313,20 +313,20 @@ def _packed_once(name: str, content: bytes) -> str:
 
 @cache
 def plotly_script() -> bytes:
-    """Give the script of the installed plotly, packed by gzip as a server sends it; raises as `plotly_source`."""
+    """Return the script of the installed plotly, compressed by gzip; raises as `plotly_source`."""
     return gzip.compress(plotly_source(), mtime=0)
 
 
 @cache
 def plotly_source() -> bytes:
-    """Give the script of the installed plotly.
+    """Return the script of the installed plotly.
 
     Raises
     ------
     MissingExtraError
-        No plotly.
+        plotly is not installed.
     """
-    spec = find_spec("plotly")  # not imported: its script is all that is needed
+    spec = find_spec("plotly")  # not imported: only its script is needed
     for place in (spec.submodule_search_locations or []) if spec else []:
         path = Path(place) / "package_data" / "plotly.min.js"
         if path.is_file():

@@ -1,4 +1,4 @@
-"""Processes that share long work. They end with their parent, however it ends: by Ctrl-C, by a fault, or killed."""
+"""Processes that share long work. They end with their parent, however it ends: by Ctrl-C, by an error, or killed."""
 
 import multiprocessing
 import os
@@ -24,7 +24,7 @@ class Processes(ProcessPoolExecutor):
             resource_tracker.ensure_running()  # it would open the ears again when it is started
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> "Future[T]":
-        """Hand out work; a process that is started for it takes over that it hears no interrupt, from the beginning."""
+        """Submit work; a process that is started for it ignores interrupts from its beginning."""
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with _safe_path():
@@ -35,7 +35,7 @@ class Processes(ProcessPoolExecutor):
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Let processes that start meanwhile load no module of the folder in which the program happens to run."""
+    """Prevent processes that start meanwhile from loading modules of the working directory."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -49,7 +49,7 @@ def _safe_path() -> Iterator[None]:
 
 @contextmanager
 def processes(count: int) -> Iterator[Processes]:
-    """Give a pool that leaves no process behind: after an interruption it does not wait for running work."""
+    """Return a pool that leaves no process behind: after an interruption it does not wait for running work."""
     pool = Processes(count)
     try:
         yield pool

@@ -7,18 +7,18 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(title: str, total: float | None) -> Iterator[Callable[[float], None]]:
-    """Show how far long work has come.
+    """Show the progress of long work.
 
     Parameters
     ----------
     title : str
     total : float or None
-        What `advance` adds up to; None where it is not known, then only life is shown.
+        Total of the amounts for `advance`; None if unknown: only activity is then shown.
 
     Yields
     ------
     callable
-        `advance(amount)`; does nothing where standard error is not a terminal.
+        `advance(amount)`; does nothing if standard error is not a terminal.
 
     Examples
     --------
@@ -42,12 +42,12 @@ def progress(title: str, total: float | None) -> Iterator[Callable[[float], None
 
 @contextmanager
 def share_of(title: str) -> Iterator[Callable[[float, str], None]]:
-    """Show how far long work has come that tells its share itself.
+    """Show the progress of long work that reports its own share.
 
     Yields
     ------
     callable
-        `tell(share, what)`, with a share that goes from 0 to 1.
+        `tell(share, what)`, with a share from 0 to 1.
     """
     with progress(title, 1.0) as advance:
         done = 0.0
@@ -61,4 +61,4 @@ def share_of(title: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def _nothing(_amount: float) -> None:
-    """Off a terminal nobody looks."""
+    """Nothing is drawn if the output is not a terminal."""

@@ -1,4 +1,4 @@
-"""The paper beside ours, on a terminal: prose for a newcomer, one table per section, and open points."""
+"""The paper beside our results, on a terminal: prose for a newcomer, one table per section, and open points."""
 
 import textwrap
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def text(sections: Sequence[Section], seeds: int) -> str:
     ----------
     sections : sequence of Section
     seeds : int
-        Noise realisations per condition, as told in the preface.
+        Noise realisations per condition, as stated in the preface.
     """
     problem, numbers = PREFACE
     lines = [*_wrapped(TITLE), "", *_wrapped(problem), "", *_wrapped(f"{numbers} Noise: {seeds} seeds.")]
@@ -45,7 +45,7 @@ def text(sections: Sequence[Section], seeds: int) -> str:
 
 
 def summary(sections: Sequence[Section]) -> list[str]:
-    """Count the verdicts and name every row that is not as it should be."""
+    """Count the verdicts and name every row that differs from the expectation."""
     rows = [r for s in sections for r in s.rows]
     counts = ", ".join(f"{sum(r.verdict == v for r in rows)} {v}" for v in VERDICTS)
     lines = [f"{counted(len(rows), 'row')}: {counts}."]

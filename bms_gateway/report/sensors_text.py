@@ -1,4 +1,4 @@
-"""How well sensors determine the cores, and where to put them, as text for people and as JSON."""
+"""Precision of the cores with sensors, and best places for sensors, as text for people and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ ABOUT_RANKS = (
     "precision, where rounding decides: its Tables 2 and 3 are made of it. The ± sd is what a user can go by."
 )
 SMALL = 3
-"""Decimals of K that tell sets apart."""
+"""Decimals of K that distinguish sets."""
 
 
 def observability_document(o: Observability, sensors: Sequence[int], condition: Condition) -> dict[str, Any]:
@@ -41,7 +41,7 @@ def observability_document(o: Observability, sensors: Sequence[int], condition: 
 def observability_text(
     o: Observability, sensors: Sequence[int], condition: Condition, disturbance: Disturbance, origin: str
 ) -> str:
-    """Write what a set of sensors can tell, for people."""
+    """Write the precision with a set of sensors, for people."""
     n = len(o.core_sd)
     paper = "not computed above 100 cells" if o.paper_rank is None else f"{o.paper_rank} of {o.states}"
     verdict = (
@@ -65,16 +65,16 @@ def observability_text(
 
 @dataclass(frozen=True, slots=True)
 class PlaceReport:
-    """A placement as it is told.
+    """The text of a placement.
 
     Attributes
     ----------
     placements : Placements
     exact_sets, paper_sets : int or None
-        Sets of full rank, exactly and by the paper's rank; None where they were not counted.
+        Sets of full rank, exactly and by the paper's rank; None if they were not counted.
     wanted : float or None, K
     enough : Placement or None
-        Of the fewest sensors that reach it, or of all cells.
+        With the fewest sensors that reach it, or with all cells.
     condition : Condition
     disturbance : Disturbance
     origin : str

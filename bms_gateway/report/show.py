@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 def number(x: float | None, digits: int = 2) -> str:
-    """Write a number for people; `–` where there is none.
+    """Write a number for people; `–` if there is none.
 
     Examples
     --------
     >>> number(21.456), number(float("nan")), number(-0.001)
     ('21.46', '–', '0.00')
     """
-    # what is rounded to nought has no sign
+    # a number that is rounded to zero has no sign
     return "–" if x is None or x != x else f"{round(x, digits) + 0.0:.{digits}f}"
 
 
@@ -89,7 +89,7 @@ def quality_name(quality: int) -> str:
 
 @contextmanager
 def live_view() -> Iterator[Callable[[str], None]]:
-    """Give a function that draws a text over the one before; off a terminal it draws nothing."""
+    """Return a function that draws a text over the previous one; without a terminal it draws nothing."""
     if not sys.stdout.isatty():
         yield _nothing
         return

@@ -9,7 +9,7 @@ MOST = 40
 
 
 def signals_table(documents: Mapping[str, Mapping[str, Any]]) -> str:
-    """Write the signals as text, those with refused samples first where there are many.
+    """Write the signals as text, those with refused samples first if there are many.
 
     Parameters
     ----------

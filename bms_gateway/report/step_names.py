@@ -1,14 +1,14 @@
-"""Names of the models on the way from a file to a better model: the same on a terminal, in reports and on the page."""
+"""Names of the models from that of the file to the improved one: the same on a terminal, in reports and on the page."""
 
 from typing import Final
 
 FILED: Final = "from its file"
 REFITTED: Final = "refitted"
-"""The first two; those that follow are named by what was added."""
+"""The first two; further ones are named after their additions."""
 
 
 def with_added(names: str) -> str:
-    """Name the model to which something was added.
+    """Name the model with an addition.
 
     Examples
     --------
@@ -19,7 +19,7 @@ def with_added(names: str) -> str:
 
 
 def titled(step: str) -> str:
-    """Head what is said of one of these models.
+    """Return the heading for one of these models.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Tables of measurements (CSV or Parquet) as arrays: the columns by name, blanks as NaN, faults with their line.
+"""Tables of measurements (CSV or Parquet) as arrays: the columns by name, blanks as NaN, errors with their line.
 
-Files are read in pieces, and of each piece the numbers of the columns that are needed are kept, nothing else.
+Files are read in pieces, and only the numbers of the needed columns are kept.
 """
 
 import re
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,31 +28,33 @@ REQUIRED = ("time_s", *(INPUTS[q].column for q in WHOLE if INPUTS[q].needed))
 OPTIONAL = tuple(INPUTS[q].column for q in WHOLE if not INPUTS[q].needed)
 _WHOLE = (*REQUIRED, *OPTIONAL)
 MOST_NUMBERS = 16 << 20
-"""Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
+"""Numbers that any table may have: 128 MiB. A larger table has at most `PER_BYTE` of them for each byte of its file."""
 PER_BYTE = 2
 FEW = 12
 """Names of a table that are shown in one line."""
 _CELL_COLUMN = re.compile("|".join(column.format("([1-9][0-9]{0,8})") for column in CELL_COLUMNS.values()))
 _OURS = (*_WHOLE, *(column.split("{")[0] for column in CELL_COLUMNS.values()))
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(_OURS)})[A-Za-z0-9_]*\s*=)")
-"""A comma that another pair follows; others belong to the name of a column."""
+"""A comma that another pair follows; other commas belong to the name of a column."""
 _MOSTLY = 10
-"""Values of the state of charge from which on their median tells per cent."""
+"""Median of the state of charge above which it is in per cent."""
+PER_CENT: Final = 0.01
+_SUMMER: Final = ": one hour back is the end of summer time; write the times in UTC, or cut the table there"
 _EXAMPLES = (*_WHOLE, *(column.format(1) for column in CELL_COLUMNS.values()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table(Columns):
-    """The columns of a file, with where they come from; `time_s` has no blanks.
+    """The columns of a file and their sources; `time_s` has no blanks.
 
     Attributes
     ----------
     ignored : tuple of str
-        Columns that mean nothing here; worth a word to the user, who may have misspelt one.
+        Columns with unknown names, reported to the user because one may be misspelt.
     word, lines : str, ndarray of int (K,)
-        What the file's rows are called, and the number of each.
+        Word for the file's rows, and the number of each.
     notes : tuple of str
-        What was recognised and is not as a table should be, a sentence each.
+        What was recognised and is unusual for a table, a sentence each.
     dated : bool
         Whether the times are dates or times of day, counted from the first row.
     """
@@ -64,7 +66,7 @@ class Table(Columns):
     dated: bool = False
 
     def place(self, row: int) -> str:
-        """Tell where a row (from 0) stands in the file."""
+        """Return the place of a row (from 0) in the file."""
         return f"{self.word} {self.lines[row]}"
 
     def __len__(self) -> int:
@@ -77,8 +79,8 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     Parameters
     ----------
     pairs : iterable of str
-        `name=column`; several may stand in one, separated by commas. `name=-column` changes the sign,
-        `name=column [mA]` says the unit. `coolant_inlet_C=22 °C` is a constant where no column is called so.
+        `name=column`; several may be in one option, separated by commas. `name=-column` changes the sign, `name=column
+        [mA]` states the unit. `coolant_inlet_C=22 °C` is a constant if no column has this name.
 
     Returns
     -------
@@ -129,11 +131,11 @@ def read_table(
     columns : mapping, optional
         From `parse_columns`: the file's own names.
     tell : callable, optional
-        Told the share that was read, again and again.
+        Called repeatedly with the share that was read.
     most : int, optional
-        Numbers that are taken in. Default: what a file of its size can mean.
+        Greatest count of stored numbers. Default: a limit for the size of the file.
     needed : sequence of str
-        Columns that it must have; of others that are missing every value is.
+        Columns that it must have; other missing columns are NaN.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def open_table(path: Path) -> Iterator[Rows]:
     Raises
     ------
     DataError
-        It is not there, no table, or damaged.
+        The file does not exist, is no table, or is damaged.
     MissingExtraError
         Parquet without pyarrow.
     """
@@ -161,7 +163,7 @@ def open_table(path: Path) -> Iterator[Rows]:
     try:
         if path.is_dir():
             raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
-        if path.exists() and not path.is_file():  # a pipe that nobody writes to has no end
+        if path.exists() and not path.is_file():  # reading a pipe without a writer would never end
             raise DataError(f"{path}: is no plain file; expected a table, CSV or Parquet")
         with open_parquet(path) if parquet else open_csv(path) as rows:
             yield rows
@@ -174,7 +176,7 @@ def open_table(path: Path) -> Iterator[Rows]:
 
 
 def _nearest(path: Path) -> str:
-    """Tell the nearest name in the same folder; nothing where nobody may look into it."""
+    """Return the nearest name in the same folder; empty if the folder may not be read."""
     try:
         return did_you_mean(path.name, [p.name for p in path.parent.iterdir()])
     except OSError:
@@ -214,7 +216,7 @@ def _read(
 
 
 def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
-    """Tell all columns that are not there, and for each the one that may be it."""
+    """Name all missing columns, each with the column that may be meant."""
     if not any(name.strip() for name in names):
         return f"the header, line 1, names no column; it needs {', '.join(missing)}"
     constant = f"; a constant: --columns '{INLET}=22 °C'" if INLET in missing else ""
@@ -230,7 +232,7 @@ def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
 
 
 def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
-    """Tell how the times are written where they are no numbers."""
+    """Return the form of the times if they are not numbers."""
     form = date_form(rows.sample(time.bare), time.date)
     if isinstance(form, str):
         raise DataError(f"{path}: time_s: {form.replace('COLUMN', time.bare)}")
@@ -265,17 +267,17 @@ def _kept(
     tell: Callable[[float], None] | None,
     most: int | None,
 ) -> tuple[NDArray[np.int64], dict[str, Floats], list[str]]:
-    """Put the pieces of a table together, each checked as it comes; gives the rows' numbers, the columns, notes."""
+    """Join the pieces of a table, each checked on arrival; return the rows' numbers, the columns, notes."""
     size = path.stat().st_size
     meant = f"a table of {size / 1024**2:.1f} MiB can mean" if most is None else "is taken in here"
     most = max(MOST_NUMBERS, PER_BYTE * size) if most is None else most
     lines, kept = array("q"), {name: array("d") for name in ours}  # they grow in their place
     before, read = np.empty(0), 0.0
-    charge = _Charge(path, rows.word)
+    charge = _Charge(path, rows.word, "soc" in ours and ours["soc"].factor == PER_CENT)
     with progress(path.name, size) as advance:
         for piece in rows.pieces({c.column for c in ours.values() if c.constant is None}, dates):
             values = {name: _values(piece, c, c.column in dates) for name, c in ours.items()}
-            _check_time(path, values["time_s"], before, rows.word, piece)
+            _check_time(path, values["time_s"], before, rows.word, piece, ours["time_s"].column in dates)
             if "soc" in values:
                 values["soc"] = charge.share(values["soc"], piece)
             lines.frombytes(piece.lines.tobytes())
@@ -307,7 +309,7 @@ def _values(piece: Piece, c: Column, is_date: bool) -> Floats:
 
 
 def converted(values: Floats, c: Column, is_date: bool) -> Floats:
-    """Convert what a column holds to our unit; its sign was taken when it was read."""
+    """Convert a column to our unit; its sign was changed during reading."""
     if is_date or (c.factor, c.shift) == (1.0, 0.0):
         return values
     return c.factor * values + (-c.shift if c.column != c.bare else c.shift)
@@ -323,8 +325,8 @@ def _cells(names: Iterable[str], column: str) -> list[int]:
     return sorted(int(m[1]) for m in matches if m)
 
 
-def _check_time(path: Path, time: Floats, before: Floats, word: str, piece: Piece) -> None:
-    """Refuse times that are missing or do not increase, from the last one of the piece before on."""
+def _check_time(path: Path, time: Floats, before: Floats, word: str, piece: Piece, dated: bool) -> None:
+    """Refuse times that are missing or do not increase, beginning with the last one of the previous piece."""
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise DataError(f"{path}: {word} {piece.lines[bad[0]]}: time_s is missing")
@@ -334,24 +336,35 @@ def _check_time(path: Path, time: Floats, before: Floats, word: str, piece: Piec
         k = int(back[0]) + 1
         what = "stands still" if t[k] == t[k - 1] else "goes back"
         place = f"{word} {piece.lines[k - len(before)]}"
-        raise DataError(f"{path}: {place}: time_s {what} ({t[k - 1]:.10g} then {t[k]:.10g}); it must increase")
+        raise DataError(
+            f"{path}: {place}: time_s {what} ({t[k - 1]:.10g} then {t[k]:.10g}); it must increase"
+            f"{_SUMMER if dated and _by_an_hour(t, k) else ''}"
+        )
+
+
+def _by_an_hour(t: Floats, k: int) -> bool:
+    """Whether the times t (N,), s, go back by an hour at row k, minus the time between the two rows."""
+    steps = np.diff(t)
+    usual = steps[steps > 0]
+    passed_s = 3600.0 + float(steps[k - 1])
+    return 0.0 <= passed_s <= 3.0 * (float(np.median(usual)) if len(usual) else 0.0)
 
 
 class _Charge:
-    """The state of charge: per cent are told by the first rows, a little above full is full, all else is refused."""
+    """The state of charge: the first rows decide on per cent, a little above full is full, other values are refused."""
 
-    def __init__(self, path: Path, word: str) -> None:
-        self._path, self._word = path, word
+    def __init__(self, path: Path, word: str, converted: bool) -> None:
+        self._path, self._word, self._converted = path, word, converted
         self._percent: bool | None = None
         self._clipped = 0
 
     def share(self, soc: Floats, piece: Piece) -> Floats:
-        """Give shares of 1.
+        """Return shares of 1.
 
         Raises
         ------
         DataError
-            A value that no state of charge has.
+            A value that is no state of charge.
         """
         given = soc[np.isfinite(soc)]
         if self._percent is None and len(given):
@@ -360,8 +373,9 @@ class _Charge:
         share = 0.01 * soc if self._percent else soc
         wild = np.flatnonzero((share < -0.1) | (share > 1.1))
         if len(wild):
-            at, what = int(wild[0]), "0 to 100 %" if self._percent else "a share, 0 to 1"
-            raise DataError(f"{self._path}: {self._word} {piece.lines[at]}: soc is {soc[at]:g}; it must be {what}")
+            at, what = int(wild[0]), "0 to 100 %" if self._percent or self._converted else "a share, 0 to 1"
+            is_now = f"{soc[at] / PER_CENT:.4g} %" if self._converted else f"{soc[at]:g}"
+            raise DataError(f"{self._path}: {self._word} {piece.lines[at]}: soc is {is_now}; it must be {what}")
         self._clipped += int(((share < 0.0) | (share > 1.0)).sum())
         return np.clip(share, 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""Cells of a CSV file: what parts them, decimal commas, words for nothing, a row of units."""
+"""Cells of a CSV file: separators, decimal commas, words for blanks, a row of units."""
 
 import csv
 import re
@@ -8,20 +8,28 @@ from typing import Final
 
 from bms_gateway.report.columns import UNITS, bare_unit
 
-__all__ = ["MISSING", "Decimals", "is_number", "mark_of", "units_row"]
+__all__ = ["MISSING", "Decimals", "is_number", "mark_of", "title_lines", "units_row"]
 
-MISSING: Final = frozenset(("", "na", "n/a", "#n/a", "#na", "nan", "null", "none", "nil", "-", "--", "---", "nv"))
-"""Words for a value that is not there, in small letters."""
+MISSING: Final = frozenset(
+    ("", "na", "n/a", "#n/a", "#na", "nan", "null", "none", "nil", "-", "--", "---", "nv", "#nv")
+)
+"""Words for a value that is not there, in small letters; `#NV` is the German Excel's `#N/A`."""
 MARKS: Final = ";\t,|"
+LEAST_COLUMNS: Final = 3
+"""Of a table that may have a title."""
+MINUS: Final = "\N{MINUS SIGN}"
+"""Characters used for "-" in printed tables."""
 _POINT: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA: Final = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _GROUPED: Final = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
+_SPACED: Final = re.compile(r"[+-]?\d{1,3}([ \u00a0\u202f]\d{3})+([.,]\d*)?")
+"""Thousands separated by blanks, as in French and SI texts."""
 _WHOLE: Final = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
 
 @dataclass(slots=True)
 class Decimals:
-    """What the numbers of one file have for a decimal mark; never two in one file."""
+    """The decimal mark of the numbers of one file; never two in one file."""
 
     BOTH = "decimal commas and decimal points in one file: it cannot be told which part thousands"
     commas: bool = False
@@ -34,7 +42,7 @@ class Decimals:
         Raises
         ------
         ValueError
-            No number, or the other mark than before.
+            Not a number, or the other mark than before.
 
         Examples
         --------
@@ -46,6 +54,7 @@ class Decimals:
         ...
         ValueError: decimal commas and decimal points in one file: it cannot be told which part thousands
         """
+        text = _plain(text)
         if _COMMA.fullmatch(text) or _GROUPED.fullmatch(text):
             self.commas = True
             if "." in text:
@@ -65,8 +74,14 @@ class Decimals:
         return ["decimal commas" + (", points part thousands" if self.grouped else "")]
 
 
+def _plain(text: str) -> str:
+    """Write a number with a keyboard's minus and without blanks between thousands."""
+    text = text.replace(MINUS, "-")
+    return "".join(text.split()) if _SPACED.fullmatch(text) else text
+
+
 def mark_of(lines: Sequence[str]) -> str:
-    """Tell what parts the columns: the mark that cuts the first lines into equally many, and into most.
+    """Return the separator of the columns: the mark that divides the first lines into equally many, and most, parts.
 
     Examples
     --------
@@ -74,20 +89,40 @@ def mark_of(lines: Sequence[str]) -> str:
     (';', ',')
     """
 
-    def judged(mark: str) -> tuple[bool, int, int]:
-        counts = [len(next(csv.reader([line[:20_000]], delimiter=mark), [])) for line in lines]
-        like_head = sum(n == counts[0] for n in counts)
+    def judged(mark: str) -> tuple[bool, float, int]:
+        rows = [next(csv.reader([line[:20_000]], delimiter=mark), []) for line in lines]
+        counts = [len(row) for row in rows[title_lines(rows) :]]
+        like_head = sum(n == counts[0] for n in counts) / len(counts)
         return counts[0] > 1, like_head, counts[0]
 
     try:
         return max(MARKS, key=judged)
-    except csv.Error:  # told with its line where it is read
+    except csv.Error:  # reported with its line when it is read
         return next((mark for mark in ",;\t|" if mark in lines[0]), ",")
+
+
+def title_lines(rows: Sequence[Sequence[str]]) -> int:
+    """Count the lines above the names of the columns: they fill less than half of the columns.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+        Cells of the first lines of a file, of which the last is a row of the table.
+
+    Examples
+    --------
+    >>> title_lines([["Bench 7"], ["2026-11-13"], ["t", "I", "T"], ["0", "1", "20"], ["1", "1", "20"]])
+    2
+    """
+    usual = len(rows[-1])
+    head = next((k for k, row in enumerate(rows) if 2 * sum(bool(c.strip()) for c in row) >= usual), 0)
+    named = len(rows[head]) == usual and not any(map(is_number, rows[head]))
+    return head if named and usual >= LEAST_COLUMNS else 0
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is written as a number, with either decimal mark."""
-    text = cell.strip()
+    text = _plain(cell.strip())
     return any(pattern.fullmatch(text) for pattern in (_POINT, _COMMA, _GROUPED))
 
 

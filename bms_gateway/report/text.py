@@ -1,4 +1,4 @@
-"""What a file that should be a table is written in: UTF-8, UTF-16, Windows-1252; or that it is no text at all."""
+"""Encoding of a file that should be a table: UTF-8, UTF-16, Windows-1252; or that it is not text."""
 
 import codecs
 import io
@@ -9,7 +9,7 @@ from bms_gateway.errors import DataError
 __all__ = ["HEAD", "Recoded", "decoded", "refuse_others", "utf16"]
 
 HEAD: Final = 512
-"""Bytes that tell what a file is."""
+"""First bytes that identify the kind of a file."""
 _OTHERS: Final = (
     (b"PK\x03\x04", "an Excel workbook or a zip archive: save its sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "an Excel workbook: save its sheet as CSV"),
@@ -25,12 +25,12 @@ _CONTROL: Final = frozenset(range(32)) - frozenset(b"\t\n\r\x0b\x0c\x1a\x1c\x1d\
 
 
 def refuse_others(path: object, head: bytes) -> None:
-    """Tell files that are plainly something else.
+    """Refuse files that are clearly something else.
 
     Raises
     ------
     DataError
-        With what to do.
+        The message says what to do.
     """
     for mark, what in _OTHERS:
         if head.startswith(mark):
@@ -40,7 +40,7 @@ def refuse_others(path: object, head: bytes) -> None:
 
 
 def utf16(head: bytes) -> str | None:
-    """Name the codec of UTF-16, by its mark or by every second byte that is zero; None where it is something else.
+    """Name the codec of UTF-16, by its mark or by zeros in every second byte; None for another encoding.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Recoded(io.RawIOBase):
     codec : str
         From `utf16`.
     path : object
-        What errors call it.
+        Name of the file in errors.
     """
 
     def __init__(self, source: Any, codec: str, path: object) -> None:
@@ -75,12 +75,12 @@ class Recoded(io.RawIOBase):
         self._ready = b""
 
     def read(self, size: int = -1) -> bytes:
-        """Give up to `size` bytes, nothing at the end.
+        """Return up to `size` bytes, nothing at the end.
 
         Raises
         ------
         DataError
-            What stands there is no UTF-16.
+            The content is not UTF-16.
         """
         while not self._ready:
             raw = self._source.read(size)
@@ -95,12 +95,12 @@ class Recoded(io.RawIOBase):
 
 
 def decoded(path: object, raw: bytes, read: int, codec: str) -> tuple[str, str]:
-    """Decode whole lines: UTF-8 as long as it is, from the first byte that is none on as Windows-1252.
+    """Decode whole lines as UTF-8, and from the first byte that is not UTF-8 on as Windows-1252.
 
     Returns
     -------
     text, codec
-        The codec of what follows.
+        The codec of the following text.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Sentences as people read them: what an effect is called before its identifier, a true minus sign, units as printed.
+"""Sentences for people: an effect by its label before its identifier, a true minus sign, printed units.
 
-JSON documents keep the sentences with identifiers alone.
+JSON documents contain the sentences with identifiers alone.
 """
 
 import re
@@ -12,11 +12,11 @@ from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import catalogue, effect_named
 
 _UNITS: Final = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "m2": "m²", "m3/s": "m³/s", "1": ""}
-"""Units as model files and JSON have them, so that they can be typed, and as pages print them."""
+"""Units in model files and JSON, which can be typed, and in print."""
 _WRITTEN: Final = re.compile(rf"(?<=\d )({'|'.join(u for u in _UNITS if u != '1')})(?![\w/])")
 _MINUS: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 _BEFORE: Final = r"(?<![\w(/.\-])"
-"""An identifier in brackets stands there already; one in the name of a file is a part of it."""
+"""An identifier in brackets already has its label; one in the name of a file is a part of the name."""
 _PLACE: Final = r"(?: \(((?:after )?cell \d+)\))?"
 _AFTER: Final = r"(?![\w/\-]|:\S|\.\w)"
 
@@ -32,7 +32,7 @@ def _names() -> tuple[re.Pattern[str], re.Pattern[str], dict[str, str]]:
 
 
 def unit(name: str) -> str:
-    """Print a unit on a page; nothing for the unit of a share.
+    """Return the printed form of a unit; nothing for the unit of a share.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def unit(name: str) -> str:
 
 
 def named(key: str, place: str = "") -> str:
-    """Give an effect by its label, its identifier in brackets.
+    """Return an effect by its label, with its identifier in brackets.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def named(key: str, place: str = "") -> str:
 
 
 def named_all(keys: Iterable[str]) -> str:
-    """Give several effects so."""
+    """Return several effects in this form."""
     return " and ".join(named(key) for key in keys)
 
 
@@ -86,7 +86,7 @@ def labelled(text: str) -> str:
 
 
 def parameter_named(effects: Iterable[str], name: str) -> str:
-    """Give a number of an effect by its label, its symbol in brackets; one that no effect has by its symbol.
+    """Return a number of an effect by its label, with its symbol in brackets; without an effect only the symbol.
 
     Examples
     --------

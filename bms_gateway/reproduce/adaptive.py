@@ -98,7 +98,7 @@ def _minutes(runs: list[Followed]) -> Floats:
     return np.array([[settled(r.surface, LIMIT), settled(r.core, LIMIT)] for r in runs])
 
 
-def follow(how: str, seed: int, *, known: bool = False, seconds: int = DRIVE_S) -> Followed:
+def follow(how: str, seed: int, *, known: bool = False) -> Followed:
     """Run an observer from 10 °C beside the identification from Eq 14's start, noise-free.
 
     Parameters
@@ -109,9 +109,8 @@ def follow(how: str, seed: int, *, known: bool = False, seconds: int = DRIVE_S) 
         Of the drive.
     known : bool
         Whether the observer has the right parameters from the start.
-    seconds : int
     """
-    current = drive("urban-assault", seed, seconds)
+    current = drive("urban-assault", seed, DRIVE_S)
     x = run(cell(), current, np.full(2, INLET))
     tuning = {} if how == "kalman" else {"P": 100.0, "pole": 0.1, "normalised": True}
     identifier = RecursiveIdentifier(start_model(), root="smaller", **tuning)  # type: ignore[arg-type]
@@ -126,9 +125,9 @@ def follow(how: str, seed: int, *, known: bool = False, seconds: int = DRIVE_S) 
     filter_ = Kalman(model, sensor, np.ones((1, 1), np.bool_))
     start = np.array([[WRONG_START, WRONG_START, 0.0, 0.0]])
     state, kalman = mean.init(start), filter_.init(start, np.diag([1e4, 1e4, 0.25, 0.25])[None])
-    out = np.empty((seconds + 1, 2))
+    out = np.empty((DRIVE_S + 1, 2))
     out[0] = start[0, :2]
-    for k in range(seconds):
+    for k in range(DRIVE_S):
         identifier.add(stream[k + 1])
         if not known and k % RENEW_S == 0:
             p = _latest(identifier, p)

@@ -141,20 +141,18 @@ class Packs:
     joints: Floats
 
 
-def few_sensors(seeds: int = 4, seconds: int = SECONDS, lines: Sequence[Line] = LINES) -> tuple[Outcome, ...]:
+def few_sensors(seeds: int = 4) -> tuple[Outcome, ...]:
     """Run every line on the same strings.
 
     Parameters
     ----------
     seeds : int
         Strings.
-    seconds : int
-    lines : sequence of Line
 
     Returns
     -------
     tuple of Outcome
-        In the order of `lines`.
+        In the order of `LINES`.
 
     Notes
     -----
@@ -165,8 +163,8 @@ def few_sensors(seeds: int = 4, seconds: int = SECONDS, lines: Sequence[Line] = 
     ----------
     Lin et al., Fig 10 and 11 (cells of unequal R_e, sensors on 1 and 5); the paper leaves the question open.
     """
-    packs = {swing: _packs(seeds, seconds, swing) for swing in {line.swing_K for line in lines}}
-    return tuple(_outcome(line, packs[line.swing_K]) for line in lines)
+    packs = {swing: _packs(seeds, SECONDS, swing) for swing in {line.swing_K for line in LINES}}
+    return tuple(_outcome(line, packs[line.swing_K]) for line in LINES)
 
 
 def string_model(sensors: tuple[int, ...] = SENSORS) -> StringModel:

@@ -21,7 +21,7 @@ Residues = NDArray[np.int64]
 
 
 def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
-    """Compute the rank of (A, C) as with rational numbers.
+    """Compute the rank of (A, C) as in rational arithmetic.
 
     Parameters
     ----------
@@ -37,9 +37,8 @@ def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
 
     Notes
     -----
-    The rows of C are multiplied by A again and again, and reduced by the rows found before, until no new row is
-    independent. This is done in the integers modulo two primes; the greater rank is wrong with a probability of about
-    (2n/2³¹)².
+    The rows of C are repeatedly multiplied by A and reduced by the rows found before, until no new row is independent.
+    This is done with integers modulo two primes; the greater rank is wrong with a probability of about (2n/2³¹)².
 
     References
     ----------
@@ -66,7 +65,7 @@ def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[n
     Returns
     -------
     ndarray (len(sets),)
-        0…2n each, as `exact_rank` gives it.
+        0…2n each, as from `exact_rank`.
 
     Notes
     -----
@@ -88,7 +87,7 @@ def residue(value: float, prime: int) -> int:
 
 
 def inverse(value: float, prime: int) -> int:
-    """Residue of one over it; zero for an infinite value."""
+    """Residue of its reciprocal; zero for an infinite value."""
     return pow(residue(value, prime), -1, prime) if np.isfinite(value) else 0
 
 
@@ -113,7 +112,7 @@ def residues(p: StringParameters, prime: int) -> Residues:
     between = inverse(p.R_cc, prime)
     film, e = taken(p, prime)
     A = [[0] * (2 * n) for _ in range(2 * n)]
-    stream = [0] * n  # share of each surface in the coolant that meets cell k
+    stream = [0] * n  # share of each surface in the coolant at cell k
     for k in range(n):
         c, s = 2 * k, 2 * k + 1
         inside, outside, casing = inverse(p.R_c[k], prime), film[k], inverse(p.C_s[k], prime)
@@ -133,7 +132,7 @@ def residues(p: StringParameters, prime: int) -> Residues:
 
 
 def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
-    """Rows that span the smallest space which holds those of C and is closed under A, each with a pivot of its own."""
+    """Rows that span the smallest space that contains C and is closed under A, each with its own pivot."""
     N = len(A)
     basis = np.zeros((N, N), np.int64)  # reduced: the pivot column of a row is zero in all others
     pivots: list[int] = []
@@ -154,7 +153,7 @@ def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
 
 def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np.int64]:
     alone = {k: _closed(A, [k], prime) for k in sorted({k for s in sets for k in s})}
-    # A sensor that lies in what another determines adds nothing: its unit row is then one of the reduced rows.
+    # A sensor adds nothing if another one determines its reading: its unit row is then one of the reduced rows.
     within = {k: {int(j) // 2 + 1 for j in np.flatnonzero(_units(rows)) if j % 2} for k, rows in alone.items()}
     needed = [_independent(s, within) for s in sets]
     ranks = {s: len(_closed(A, s, prime)) for s in set(needed)}
@@ -162,7 +161,7 @@ def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np
 
 
 def _units(rows: Residues) -> NDArray[np.bool_]:
-    """Tell which unit rows are among reduced rows (r, N): (N,)."""
+    """Return whether each unit row is among reduced rows (r, N): (N,)."""
     there: NDArray[np.bool_] = rows[(rows != 0).sum(axis=1) == 1].any(axis=0)
     return there
 

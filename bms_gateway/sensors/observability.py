@@ -1,4 +1,4 @@
-r"""How well surface sensors determine the cores of a string.
+r"""Precision with which surface sensors determine the cores of a string.
 
 There are three answers, and they differ. The *exact rank* of the observability matrix counts the states that noise-free
 readings would determine; it is computed without rounding. The *paper's rank* is the rank of the same matrix in double
@@ -31,7 +31,7 @@ class Observability:
         2n.
     exact_rank : int
     paper_rank : int or None
-        None on strings of more than a hundred cells, where the matrix has millions of entries that are all but zero.
+        None for strings of more than a hundred cells, whose matrix has millions of entries of nearly zero.
     core_sd : ndarray (n,), K
     """
 
@@ -51,9 +51,7 @@ class Observability:
         return int(np.argmax(self.core_sd)) + 1
 
 
-def observability(
-    p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None, *, dt: float = 1.0
-) -> Observability:
+def observability(p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None) -> Observability:
     """Give the three answers for surface sensors at the cells `sensors` (1-based).
 
     References
@@ -68,13 +66,11 @@ def observability(
     (10, True, array([0.69, 0.64, 0.63, 0.63, 0.48]))
     """
     paper = paper_rank(p, sensors) if p.cells <= SHORT else None
-    return Observability(
-        2 * p.cells, determined_states(p, sensors), paper, steady_core_sd(p, sensors, disturbance, dt=dt)
-    )
+    return Observability(2 * p.cells, determined_states(p, sensors), paper, steady_core_sd(p, sensors, disturbance))
 
 
 def determined_states(p: StringParameters, sensors: Sequence[int]) -> int:
-    """Count the states that noise-free readings determine: the exact rank, the quicker way on long strings.
+    """Count the states that noise-free readings determine: the exact rank, by the faster method for long strings.
 
     References
     ----------

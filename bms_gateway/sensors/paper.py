@@ -1,4 +1,4 @@
-r"""The paper's ranks as it found them, beside the exact ones: Tables 2 and 3, Figures 12 and 13.
+r"""The ranks of the paper beside the exact ones: Tables 2 and 3, Figures 12 and 13.
 
 The paper takes the rank of the observability matrix in double precision. Its rows C Aʲ shrink by a tenth with every
 power, while the rounding error stays the same. What counts as zero therefore depends on the unit of time and on R_cc,
@@ -22,15 +22,18 @@ TABLE_1: Mapping[str, float] = MappingProxyType({"C_c": 268.0, "C_s": 18.8, "R_e
 C_F = 1.184 * 1007 * 9.5e-3
 """W/K: the paper's air, 9.5 L/s at 25 °C."""
 R_CC = 31.84
-"""K/W from cell to cell. The paper prints none; here its rank counts 106 sets of full strings as its Table 3 does."""
+"""K/W from cell to cell. The paper prints none; with this value its rank counts 106 sets of full strings, as in its
+Table 3."""
+CELLS, SENSORS = 12, 4
+"""Cells and sensors of Table 3."""
 TABLE_2 = (1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4)
-"""Sensors that the paper finds needed for strings of 1 to 12 cells."""
+"""Sensors that are needed for strings of 1 to 12 cells, according to the paper."""
 TABLE_3: Mapping[Condition, int] = MappingProxyType({"full": 106, "natural": 52, "no-conduction": 1})
-"""Sets of four sensors on twelve cells that the paper finds observable."""
+"""Sets of four sensors on twelve cells that are observable according to the paper."""
 
 
 def paper_string(cells: int, condition: Condition = "full", R_cc: float = R_CC) -> StringParameters:
-    """Give the paper's string: cells of Table 1, coupled as the condition says (Eq 16–18, 21).
+    """Return the paper's string: cells of Table 1, coupled by the condition (Eq 16–18, 21).
 
     Examples
     --------
@@ -49,7 +52,7 @@ def paper_string(cells: int, condition: Condition = "full", R_cc: float = R_CC) 
     )
 
 
-def paper_rank(p: StringParameters, sensors: Sequence[int], *, unit_s: float = 1.0) -> int:
+def paper_rank(p: StringParameters, sensors: Sequence[int]) -> int:
     """Rank of the observability matrix in double precision.
 
     Parameters
@@ -57,8 +60,6 @@ def paper_rank(p: StringParameters, sensors: Sequence[int], *, unit_s: float = 1
     p : StringParameters
     sensors : sequence of int
         1-based cells.
-    unit_s : float, s
-        Unit of time: A is in 1/unit_s. The paper's is 1 s; a true rank would not depend on it.
 
     Returns
     -------
@@ -67,17 +68,17 @@ def paper_rank(p: StringParameters, sensors: Sequence[int], *, unit_s: float = 1
 
     Notes
     -----
-    Singular values up to max(size)·(spacing of floats at the greatest) count as zero, as MATLAB's `rank` has it.
+    Singular values up to max(size)·(spacing of floats at the greatest) count as zero, as in MATLAB's `rank`.
 
     References
     ----------
     Lin et al., Eq 20, Tables 2 and 3, Fig 12 and 13, which are artefacts of this rounding.
     """
-    return int(paper_ranks(p, [sensors], unit_s=unit_s)[0])
+    return int(paper_ranks(p, [sensors])[0])
 
 
 def paper_ranks(p: StringParameters, sets: Sequence[Sequence[int]], *, unit_s: float = 1.0) -> NDArray[np.int64]:
-    """Double-precision rank of many sets of equally many sensors of one string; as `paper_rank`.
+    """Double-precision rank of many sets with the same number of sensors of one string; as `paper_rank`.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def paper_ranks(p: StringParameters, sets: Sequence[Sequence[int]], *, unit_s: f
     chosen = chosen.reshape(len(sets), -1)
     rows = _observability_rows(p, cells, unit_s)
     ranks = np.empty(len(sets), np.int64)
-    # Stacked by some hundreds: all of them at once would need gigabytes on long strings.
+    # In stacks of some hundreds: all of them at once would need gigabytes on long strings.
     step = max(1, 2_000_000 // (chosen.shape[1] * rows[0].size))
     for i in range(0, len(sets), step):
         M = rows[chosen[i : i + step]].reshape(-1, chosen.shape[1] * rows.shape[1], rows.shape[2])
@@ -122,7 +123,7 @@ def _observability_rows(p: StringParameters, cells: NDArray[np.intp], unit_s: fl
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How many sets of m sensors determine a string.
+    """Number of sets of m sensors that determine a string.
 
     Attributes
     ----------
@@ -137,9 +138,9 @@ class Counts:
     paper, exact : int
         Sets of full rank, by the paper's rank and exactly.
     paper_sets : tuple of tuple of int
-        Those of the paper's rank.
+        Sets of full rank by the paper's rank.
     blind_sets : tuple of tuple of int
-        Those that exactly do not determine the string.
+        Sets that do not determine the string by the exact rank.
     """
 
     cells: int
@@ -154,18 +155,15 @@ class Counts:
     blind_sets: tuple[tuple[int, ...], ...]
 
 
-def paper_counts(
-    condition: Condition, R_cc: float = R_CC, *, cells: int = 12, sensors: int = 4, unit_s: float = 1.0
-) -> Counts:
-    """Count the sets of sensors that determine the paper's string: in the paper's way, and exactly.
+def paper_counts(condition: Condition, R_cc: float = R_CC, *, unit_s: float = 1.0) -> Counts:
+    """Count the sets of sensors that determine the paper's string: by the paper's rank, and exactly.
 
     Parameters
     ----------
     condition : Condition
     R_cc : float, K/W
-    cells, sensors : int
     unit_s : float, s
-        Unit of time in which the paper's rank is taken.
+        Unit of time of the paper's rank.
 
     Returns
     -------
@@ -181,13 +179,13 @@ def paper_counts(
     >>> c.paper_sets, c.paper, c.exact, c.sets
     (((3, 6, 9, 12),), 1, 165, 495)
     """
-    sets = tuple(combinations(range(1, cells + 1), sensors))
-    p = paper_string(cells, condition, R_cc)
-    paper = paper_ranks(p, sets, unit_s=unit_s) == 2 * cells
-    exact = exact_ranks(p, sets) == 2 * cells
+    sets = tuple(combinations(range(1, CELLS + 1), SENSORS))
+    p = paper_string(CELLS, condition, R_cc)
+    paper = paper_ranks(p, sets, unit_s=unit_s) == 2 * CELLS
+    exact = exact_ranks(p, sets) == 2 * CELLS
     return Counts(
-        cells,
-        sensors,
+        CELLS,
+        SENSORS,
         condition,
         R_cc,
         unit_s,
@@ -248,7 +246,7 @@ def table_2(condition: Condition = "full", R_cc: float = R_CC) -> tuple[Needed, 
 
 
 def _first_full(p: StringParameters, ranks: Callable[..., NDArray[np.int64]]) -> tuple[int, ...]:
-    """Find the first set, fewest sensors first, of full rank; every cell's sensor is always enough."""
+    """Find the first set of full rank, fewest sensors first; a sensor on every cell is always enough."""
     every = range(1, p.cells + 1)
     for m in range(1, p.cells):
         sets = list(combinations(every, m))
@@ -273,8 +271,8 @@ class SetRank:
     exact: int
 
 
-def set_ranks(condition: Condition, *, cells: int = 5, sensors: int = 2, R_cc: float = R_CC) -> tuple[SetRank, ...]:
-    """Rank every set of m sensors of the paper's string, in the paper's way and exactly.
+def set_ranks(condition: Condition) -> tuple[SetRank, ...]:
+    """Compute the paper's rank and the exact rank of every set of two sensors of the paper's string of five cells.
 
     Returns
     -------
@@ -286,7 +284,7 @@ def set_ranks(condition: Condition, *, cells: int = 5, sensors: int = 2, R_cc: f
     Lin et al., Fig 12 (full interconnection: {1, 2} has 9, sensors apart have 10) and Fig 13 (no conduction: {2, 5}
     has 10, {1, 5} has 9), of 10 states.
     """
-    p = paper_string(cells, condition, R_cc)
-    sets = tuple(combinations(range(1, cells + 1), sensors))
+    p = paper_string(5, condition, R_CC)
+    sets = tuple(combinations(range(1, 6), 2))
     both = zip(sets, paper_ranks(p, sets), exact_ranks(p, sets), strict=True)
     return tuple(SetRank(s, int(a), int(b)) for s, a, b in both)

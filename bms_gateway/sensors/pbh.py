@@ -1,18 +1,17 @@
 r"""The Popov–Belevitch–Hautus test of a string, by polynomials and without rounding.
 
-Sensors do not determine a string exactly if an eigenvector of A is zero at all of them. With cells alike in C_c, C_s
-and R_c the cores can be eliminated: λ is an eigenvalue of A iff μ = C_s λ + λ/(R_c λ + 1/C_c) is one of the n surfaces'
-coupling G, with the same surfaces in its vector v, and each μ belongs to two λ. Where neighbours conduct, the rows of
-G v = μ v give v_2, v_3, … one after the other from v_1 = 1, as polynomials in μ,
+Sensors fail to determine a string exactly if an eigenvector of A is zero at all of them. If cells have equal C_c, C_s
+and R_c, the cores can be eliminated: λ is an eigenvalue of A if and only if μ = C_s λ + λ/(R_c λ + 1/C_c) is an
+eigenvalue of the n surfaces' coupling G, with the same surfaces in its vector v; two λ belong to each μ. If neighbours
+conduct, the rows of G v = μ v give v_2, v_3, … one after the other from v_1 = 1, as polynomials in μ,
 
 .. math::
     v_{k+1} = v_k + R_{cc} \left( \mu v_k - (t_k - v_k)/R_{u,k} - (v_{k-1} - v_k)/R_{cc} \right), \qquad
     t_{k+1} = (1 - e_k) t_k + e_k v_k,
 
-and the last row leaves the characteristic polynomial χ. Hidden are the roots that χ shares with v_k of every sensor, as
-often as they are shared: twice the degree of a greatest common divisor counts the hidden states. All this is done
-modulo the primes of `exact`, but in nothing else like it: the one checks the other, and this takes a second for 1,000
-cells.
+and the last row gives the characteristic polynomial χ. The roots that χ shares with v_k of every sensor are hidden,
+with their multiplicity: twice the degree of a greatest common divisor counts the hidden states. All this is done modulo
+the primes of `exact`, but otherwise independently of it: each checks the other. For 1,000 cells it takes a second.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,12 +35,12 @@ def hidden_states(p: StringParameters, sensors: Sequence[int]) -> int | None:
     Returns
     -------
     int or None
-        2n − rank of the observability matrix. None where the cells' C_c, C_s, R_c differ, or, without conduction, R_u:
-        the test then has no such form.
+        2n − rank of the observability matrix. None if the cells' C_c, C_s, R_c differ, or, without conduction, R_u: the
+        test then has no such form.
 
     References
     ----------
-    Lin et al., Eq 20–21, whose rank this is the other way to. M. L. J. Hautus, Controllability and observability
+    Lin et al., Eq 20–21, whose rank this computes in another way. M. L. J. Hautus, Controllability and observability
     conditions of linear autonomous systems, Proc. Kon. Ned. Akad. Wet. A 72 (1969).
 
     Examples
@@ -56,7 +55,8 @@ def hidden_states(p: StringParameters, sensors: Sequence[int]) -> int | None:
     if not sensors:
         return 2 * p.cells
     if not conducts:
-        # Alike cells on one stream: a surface tells of all that the stream has passed. Without a stream, of its own.
+        # Equal cells on one stream: a surface shows all cells that the stream has passed. Without a stream, only its
+        # own.
         told = max(sensors) if np.isfinite(p.C_f) else len(set(sensors))
         return 2 * (p.cells - told)
     return 2 * min(_shared_roots(p, sensors, prime) for prime in PRIMES)
@@ -76,14 +76,14 @@ def _shared_roots(p: StringParameters, sensors: Sequence[int], prime: int) -> in
 
 
 def _polynomials(p: StringParameters, prime: int) -> Iterator[Residues]:
-    """Give v_1 … v_n and a multiple of χ: coefficients from the constant up, without leading zeros."""
+    """Yield v_1 … v_n and a multiple of χ: coefficients from the constant up, without leading zeros."""
     n, R_cc = p.cells, residue(p.R_cc, prime)
     outside, e = taken(p, prime)
     before, v, t = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     v[0] = 1
     for k in range(n):
         yield v[: k + 1]
-        raised = np.roll(v, 1)  # μ v; its degree is below n, so nothing comes round
+        raised = np.roll(v, 1)  # μ v; its degree is below n, so nothing wraps around
         film = (t - v) % prime * outside[k] % prime
         neighbour = (before - v) % prime if k else 0
         onward = ((raised - film) % prime * R_cc - neighbour) % prime

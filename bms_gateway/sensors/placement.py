@@ -1,4 +1,4 @@
-"""Where to put m surface sensors on a string, so that the least certain core is known as well as possible.
+"""Best places of m surface sensors on a string: those with the smallest sd of the least certain core.
 
 If there are few sets, all are tried. If there are many, a static model of the string proposes sets. In this model the
 errors of heat and inlet never change, and the noise of a sensor is averaged over the time that such errors last. The
@@ -23,17 +23,17 @@ from bms_gateway.sensors.steady import Steady
 from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous
 
 EXHAUSTIVE = 5_000
-"""Sets up to which all are tried: seconds on twenty cells."""
+"""Number of sets up to which all are tried: seconds on twenty cells."""
 TRIED_CELLS = 200
-"""Cells up to which that is so, and the best set found is improved sensor by sensor; beyond, it would take minutes."""
+"""Cells up to which all sets are tried and the best set is improved sensor by sensor; beyond, it would take minutes."""
 SHOWN = 10
 """Placements that are reported, best first."""
 ANYWHERE = 400
-"""Product of cells and sensors up to which a sensor is tried on every cell, not only on those near by."""
+"""Product of cells and sensors up to which a sensor is tried on every cell, and not only on near ones."""
 COUNTED_CELLS = 60
 """Cells up to which sets are counted exactly."""
 DECOMPOSED = 5e8
-"""Sets times sensors times n³ up to which the singular values that the paper's rank needs are found."""
+"""Sets times sensors times n³ up to which the singular values of the paper's rank are computed."""
 ROUNDS = 50
 """Most exchanges or moves. Each one improves the set, so this bound is not reached in practice."""
 
@@ -83,9 +83,9 @@ class Placements:
     even : Placement
         The best of the evenly spaced sets.
     losses : tuple of Placement
-        The best set without its first, second, … sensor: what is left when that one fails.
+        The best set without its first, second, … sensor: the result if that sensor fails.
     nothing : Placement
-        No sensor at all.
+        The string without any sensor.
     """
 
     cells: int
@@ -99,7 +99,7 @@ class Placements:
 
 
 class PlacementProblem:
-    """One string whose sensors are to be placed, with everything that all its placements share.
+    """One string whose sensors are to be placed, with everything that its placements share.
 
     Parameters
     ----------
@@ -119,16 +119,16 @@ class PlacementProblem:
         return [Placement(s, sd) for s, sd in zip(chosen, self.steady.core_sd(chosen), strict=True)]
 
     def best(self, sensors: int) -> Placements:
-        """Find the places for some sensors, 1…n, that leave the least worst core standard deviation.
+        """Find the places of `sensors` sensors, 1…n, with the smallest sd of the worst core.
 
         Raises
         ------
         UsageError
-            A number of sensors that the string cannot have.
+            The string cannot have this number of sensors.
 
         References
         ----------
-        What Lin et al. ask in Tables 2 and 3, with the measure that a user needs in place of the rank.
+        The question of Lin et al., Tables 2 and 3, with the sd instead of the rank.
 
         Examples
         --------
@@ -150,7 +150,7 @@ class PlacementProblem:
         return Placements(n, sensors, sets, exhaustive, tuple(ranked), even, tuple(losses), nothing)
 
     def fewest(self, wanted: float) -> Placement:
-        """Find how many sensors it takes to know every core as well as wanted, and where they go.
+        """Find the fewest sensors that determine every core to `wanted`, and their places.
 
         Parameters
         ----------
@@ -160,12 +160,12 @@ class PlacementProblem:
         Returns
         -------
         Placement
-            Of the fewest sensors whose `worst_sd` is at most `wanted`; of one on every cell where even that is not
+            With the fewest sensors whose `worst_sd` is at most `wanted`; with one on every cell if even that is not
             enough.
 
         Notes
         -----
-        One sensor less is proved to be too few where C(n, m − 1) sets can all be tried; otherwise sets are searched.
+        If all C(n, m − 1) sets can be tried, one sensor less is proved to be too few; otherwise sets are searched.
 
         Examples
         --------
@@ -188,7 +188,7 @@ class PlacementProblem:
                 found, m = nearer, middle
             else:
                 short = middle
-        # The search may have missed a set of one sensor less; where all can be tried, they are.
+        # The search may have missed a set with one sensor less; if possible, all such sets are tried.
         while m > 1 and self._triable(m - 1):
             less = _ranked(self._all(m - 1))[0]
             if less.worst_sd > wanted:
@@ -203,7 +203,7 @@ class PlacementProblem:
         return self.measure(combinations(range(1, self.cells + 1), m))
 
     def _searched(self, m: int) -> list[Placement]:
-        """Find sets worth considering without trying all."""
+        """Find promising sets without trying all."""
         even = even_sets(self.cells, m)
         proposed = [self._static.exchanged(self._static.added(m)), *even, *map(self._static.exchanged, even)]
         tried = {x.sensors: x for x in self.measure(dict.fromkeys(proposed))}
@@ -226,11 +226,11 @@ class PlacementProblem:
 
 
 def even_sets(cells: int, sensors: int) -> list[Sensors]:
-    """Space sensors evenly: with both ends, each in the middle of its section, each at the end of its section.
+    """Space sensors evenly: with both ends, in the middle of each section, at the end of each section.
 
     References
     ----------
-    Lin et al., Table 3, whose {3, 6, 9, 12} is the last way's.
+    Lin et al., Table 3, whose {3, 6, 9, 12} is the third kind.
 
     Examples
     --------
@@ -262,7 +262,7 @@ def _shifted(sensors: Sensors, cells: int, reach: int) -> list[Sensors]:
 
 @dataclass(frozen=True, slots=True)
 class _Static:
-    """The static model: errors that never change, as Gaussians with the size of the real ones.
+    """The static model: constant Gaussian errors with the size of the real ones.
 
     Attributes
     ----------
@@ -271,7 +271,7 @@ class _Static:
     cross, surface : ndarray (n, n), K²
         Covariance of core i and surface j, and of the surfaces.
     noise : float, K²
-        Of a reading averaged over as long as the errors last.
+        Variance of a reading averaged over the duration of the errors.
     """
 
     core: Floats
@@ -289,7 +289,7 @@ class _Static:
         return cls(np.einsum("ij,ij->i", T_c, T_c), T_c @ T_s.T, T_s @ T_s.T, noise)
 
     def added(self, m: int) -> Sensors:
-        """Add the best sensor to those there, m times."""
+        """Add the best sensor to the present set, m times."""
         chosen: list[int] = []
         for _ in range(m):
             score = self._with_one_more(chosen)
@@ -297,7 +297,7 @@ class _Static:
         return tuple(sorted(k + 1 for k in chosen))
 
     def exchanged(self, sensors: Sensors) -> Sensors:
-        """Exchange one sensor at a time for a better one until there is none."""
+        """Exchange one sensor at a time for a better one until no exchange is better."""
         chosen = [k - 1 for k in sensors]
         for _ in range(ROUNDS):
             before = list(chosen)
@@ -312,9 +312,9 @@ class _Static:
         return tuple(sorted(k + 1 for k in chosen))
 
     def _with_one_more(self, chosen: Sequence[int]) -> Floats:
-        """Worst variance of a core with each further sensor (n,); infinite for those there already.
+        """Worst variance of a core with each additional sensor (n,); infinite for present sensors.
 
-        A thousandth of the mean goes with it, to tell apart sensors of which none reaches the worst cell.
+        A thousandth of the mean is added, to compare sensors none of which influences the worst cell.
         """
         core, cross, own = self.core, self.cross, np.diag(self.surface)
         if chosen:
@@ -337,7 +337,7 @@ def observable_sets(p: StringParameters, sensors: int) -> tuple[int | None, int 
     Returns
     -------
     exact, paper : int or None
-        None where the sets are too many, or the string too long, to be counted in a minute.
+        None if the sets are too many, or the string too long, to be counted in a minute.
 
     References
     ----------

@@ -1,17 +1,17 @@
-r"""How well each core is known in the long run, for any set of surface sensors of a string.
+r"""Steady standard deviation of each core, for any set of surface sensors of a string.
 
-The covariance of a Kalman filter settles at the solution P of a Riccati equation. This module solves it for many sets
+The covariance of a Kalman filter converges to the solution P of a Riccati equation. This module solves it for many sets
 of sensors of one string with up to a thousand cells. Little of the work depends on the set: the covariance P_0 without
-any sensor is computed once, and the reduction by m sensors has few dimensions. The Chandrasekhar recursion adds it up,
+any sensor is computed once, and the reduction by m sensors has few dimensions. The Chandrasekhar recursion sums it up,
 
 .. math::
     P_{i+1} = P_i + L_i M_i L_i^T, \qquad L_i \in R^{2n \times m},
 
-from P_0 on, for all sets at once and without ever forming a 2n × 2n matrix per set. In steps of a second it would take
-thousands, for the slow poles; so the equation is first brought to another clock by z = (w + a)/(1 + a w), which maps
-the unit circle onto itself and leaves P as it is, exactly. About a hundred steps are then enough for a string of any
-length. Cells that are not alike by orders of magnitude are another matter: what has not settled by then, or is all but
-lost in the difference from P_0, is solved by doubling, set by set.
+from P_0 on, for all sets at once and without a 2n × 2n matrix per set. Steps of a second would need thousands of steps,
+because of the slow poles. Therefore the equation is first transformed by z = (w + a)/(1 + a w), which maps the unit
+circle onto itself and leaves P exactly unchanged. About a hundred steps are then enough for a string of any length. If
+cells differ by orders of magnitude, or if P is nearly lost in the difference from P_0, sets that have not converged by
+then are solved by doubling, one by one.
 """
 
 from collections.abc import Sequence
@@ -19,33 +19,34 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous, gathered_noise
+from bms_gateway.thermal.exponential import exponential
 
 Indices = NDArray[np.intp]
 
 SETTLED = 1e-8
-"""Share of a core's variance that all further steps together may still take off."""
+"""Share of a core's variance that all further steps together may still remove."""
 BLOCK = 8
-"""Steps after which that is judged, from what they took off and the eight before: single ones come and go in waves."""
+"""Steps after which convergence is judged, from their effect and that of the eight before: single steps vary in
+waves."""
 SLOWEST = 0.999
-"""Ratio of a block to the one before beyond which what is to come is not extrapolated: it has not begun to settle."""
+"""Ratio of a block to the previous one above which the rest is not extrapolated: convergence has not begun."""
 PATIENCE = 1_000
 """Steps after which a set is solved by doubling."""
 LOST = 1e-6
-"""Share of its variance without sensors below which a core's variance has too few digits left as a difference."""
+"""Share of its variance without sensors below which a core's variance has too few digits as a difference."""
 DENSE = 100
 """Cells up to which a set can be solved by doubling: half a second there."""
 MAX_STEPS = 20_000
-"""The same for longer strings, where there is no other way and what is left by then is small."""
+"""The same for longer strings, which have no other method; the remaining error is then small."""
 DOUBLINGS = 60
-"""As many as no double can hold the time of."""
+"""Number of doublings beyond the range of a double."""
 LONG = 150
-"""Cells of a string along which the coolant takes longer than a cell to warm up."""
+"""Number of cells above which the coolant is slower along the string than a cell warms up."""
 AT_ONCE = 2_000_000
-"""Numbers in the L of the sets that are worked on together: 16 MB."""
+"""Numbers in the L of the sets that are computed together: 16 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +58,11 @@ class Steady:
     open : ndarray (2n, 2n), K²
         Error covariance P_0 with no sensor, states [T_c1, T_s1, …].
     Phi, Q : ndarray (2n, 2n)
-        Transition from reading to reading, and the noise that gathers meanwhile.
+        Transition from reading to reading, and the integrated noise.
     J, noise : ndarray (2n, 2n)
         (I − aΦ)⁻¹ and J Q Jᵀ.
     a : float
-        Of the change of clock, 0…1.
+        Of the transformation, 0…1.
     sensor : float, K
         White noise of a reading.
     """
@@ -80,10 +81,10 @@ class Steady:
 
         Notes
         -----
-        Every disturbance is white here, with the low-frequency intensity 2τσ² of the lasting one it stands for. That
-        ranks placements by one Riccati equation of 2n states and errs to the safe side: an observer that follows the
-        lasting errors as states of their own does better, by a sixth (two sensors on twelve cells) to a half (one
-        cell). Cost is that of some thirty products of 2n × 2n matrices: half a minute for 1,000 cells.
+        Every disturbance is white here, with the low-frequency intensity 2τσ² of the slow disturbance that it replaces.
+        This ranks placements by one Riccati equation of 2n states and is on the safe side: an observer with states for
+        the slow errors is better by a sixth (two sensors on twelve cells) to a half (one cell). The cost is some thirty
+        products of 2n × 2n matrices: half a minute for 1,000 cells.
         """
         d = disturbance or Disturbance()
         s = continuous(p)
@@ -91,15 +92,15 @@ class Steady:
         W = d.heat_common**2 * np.outer(common, common) + d.heat_cell**2 * (s.B_q @ s.B_q.T)
         W = 2.0 * d.correlation * (W + d.inlet**2 * np.outer(s.B_f, s.B_f))
         slow = 1.0 / float(np.max(p.C_c * p.R_c + (p.C_c + p.C_s) * p.R_u))
-        middle = np.sqrt(slow * float(-np.diag(s.A).min()))  # in the geometric sense, of a cell's two poles
+        middle = np.sqrt(slow * float(-np.diag(s.A).min()))  # geometric mean of a cell's two poles
         P_0 = _stationary(s.A, W, 2.0 / middle)
         if p.cells <= DENSE:
             Phi, Q = gathered_noise(s.A, W, dt)
-        else:  # the same, for a tenth of the time
-            Phi = scipy.linalg.expm(s.A * dt)
+        else:  # the same in a tenth of the time
+            Phi = exponential(s.A * dt)
             Q = P_0 - Phi @ P_0 @ Phi.T
-        # Any a gives the same P; this one in the fewest steps. Readings make the fast poles faster, hence above the
-        # middle; what the coolant carries along a long string is slow.
+        # Any a gives the same P; this one needs the fewest steps. Readings make the fast poles faster, hence above the
+        # middle; the coolant along a long string is slow.
         swift = 3.0 if p.cells <= LONG else 1.5
         a = float(np.exp(-np.clip(swift * middle * dt, 1e-4, 2.0)))
         J = np.linalg.inv(np.eye(len(Phi)) - a * Phi).astype(np.float64, copy=False)
@@ -111,12 +112,12 @@ class Steady:
         Parameters
         ----------
         sets : sequence of sequences of int
-            Sets of 1-based cells read every step; the empty one too.
+            Sets of 1-based cells read in every step; the empty set is allowed.
 
         Returns
         -------
         ndarray (len(sets), n), K
-            Parameters taken for true.
+            For exact parameters.
 
         References
         ----------
@@ -146,7 +147,8 @@ class Steady:
             return variance, sound
         a, b = self.a, np.sqrt(1.0 - self.a**2)
         white = self.sensor**2 * np.eye(m)
-        # In the other clock a reading C x is b C J x + a C J u, with u the noise that drives x: the two are correlated.
+        # After the transformation, a reading C x is b C J x + a C J u, with u the noise that drives x: the two are
+        # correlated.
         crossed = _columns(self.noise, measured)
         PC = b * _product(self.open, self.J[measured].swapaxes(1, 2))
         JPC = _product(self.J, PC)
@@ -154,7 +156,7 @@ class Steady:
         K = self._onward(PC, JPC) + a * b * crossed
         E_inverse = np.linalg.inv(E)
         L, M = K, -E_inverse
-        read = _columns(self.open, measured)  # P Cᵀ in the readings' own clock, for the last one
+        read = _columns(self.open, measured)  # P Cᵀ before the transformation, for the last reading
         settled, at, going = np.empty_like(read), measured, np.arange(S)
         before, block = np.zeros_like(variance), np.zeros_like(variance)
         for step in range(1, (PATIENCE if len(self.open) <= 2 * DENSE else MAX_STEPS) + 1):
@@ -204,23 +206,20 @@ class Steady:
         return np.diag(left)[0::2].copy()
 
     def _onward(self, X: Floats, JX: Floats) -> Floats:
-        """Transition of the other clock, J(Φ − a), applied to X of which J X is known."""
+        """Transition after the transformation, J(Φ − a), applied to X whose product J X is known."""
         after: Floats = (1.0 / self.a - self.a) * JX - X / self.a
         return after
 
 
-def steady_core_sd(
-    p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None, *, dt: float = 1.0
-) -> Floats:
+def steady_core_sd(p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None) -> Floats:
     """Compute the steady standard deviation of each core, with the parameters taken as true.
 
     Parameters
     ----------
     p : StringParameters
     sensors : sequence of int
-        1-based cells read every step.
+        1-based cells, read every second.
     disturbance : Disturbance, optional
-    dt : float, s
 
     Returns
     -------
@@ -228,7 +227,7 @@ def steady_core_sd(
 
     Notes
     -----
-    As `Steady` says; take that for several sets of one string.
+    See `Steady`, which is better for several sets of one string.
 
     References
     ----------
@@ -244,12 +243,12 @@ def steady_core_sd(
     (1, 12) 0.483
     (3, 6, 9, 12) 0.493
     """
-    (sd,) = Steady.of(p, disturbance, dt=dt).core_sd([sensors])
+    (sd,) = Steady.of(p, disturbance).core_sd([sensors])
     return np.asarray(sd)
 
 
 def _stationary(A: Floats, W: Floats, h: float) -> Floats:
-    """Solve A P + P Aᵀ + W = 0 by doubling (Smith), in steps of `h` s of the bilinear rule, which leaves P as it is."""
+    """Solve A P + P Aᵀ + W = 0 by doubling (Smith), in steps of `h` s of the bilinear rule, which does not change P."""
     one = np.eye(len(A))
     J = np.linalg.inv(one - h / 2.0 * A)
     F, P = 2.0 * J - one, h * (J @ W @ J.T)
@@ -263,7 +262,7 @@ def _stationary(A: Floats, W: Floats, h: float) -> Floats:
 
 
 def _product(X: Floats, Y: Floats) -> Floats:
-    """Multiply X (N, N) with every Y (S, N, m) in one go: numpy would read all of X once per set."""
+    """Multiply X (N, N) with every Y (S, N, m) at once: numpy would read all of X once per set."""
     S, N, m = Y.shape
     flat = X @ np.moveaxis(Y, 1, 0).reshape(N, S * m)
     return np.ascontiguousarray(np.moveaxis(flat.reshape(N, S, m), 0, 1))

@@ -1,1 +1,1 @@
-"""The live shell: the loop, the clock, the signals and systemd around the engine."""
+"""The live service: loop, clock, signals and systemd around the engine."""

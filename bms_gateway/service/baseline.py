@@ -8,35 +8,35 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from bms_gateway.errors import ConfigError
-from bms_gateway.service.worker import Worker
+from bms_gateway.service.task_thread import Worker
 from bms_gateway.store.requests import BaselineReset, Wish, asked
 
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 2.0
-KEPT_S: Final = 180.0  # three times what a power cut may cost: by then what came of a wish has been saved
+KEPT_S: Final = 180.0  # three times what a power cut may cost: by then the result of a request has been saved
 
 
 class ResettableEngine(Protocol):
-    """What the engine must be able to do."""
+    """Methods of the engine that are needed."""
 
     def reset_baseline(self, string: str, cell: int | None, reason: str, *, time_ns: int) -> bool:
-        """Make a new baseline; whether this wish is new."""
+        """Make a new baseline; return whether this request is new."""
         ...
 
     def acknowledge(self, string: str | None, reason: str) -> bool:
-        """End alarms that only a person can end; whether there were any."""
+        """End alarms that only a person can end; return whether there were any."""
         ...
 
 
 class BaselineRequests:
-    """Wishes in the state directory.
+    """Requests in the state directory.
 
     Parameters
     ----------
     directory : Path
     engine : callable
-        Gives the engine of now.
+        Returns the present engine.
 
     Notes
     -----
@@ -52,7 +52,7 @@ class BaselineRequests:
         self._done: dict[Path, float] = {}
 
     async def run(self) -> None:
-        """Look every two seconds, for ever."""
+        """Check every two seconds, until cancelled."""
         worker = Worker("wishes")
         while True:
             found = await worker.submit(self._found)
@@ -61,20 +61,20 @@ class BaselineRequests:
             await asyncio.sleep(PERIOD_S)
 
     def look(self, now_s: float) -> None:
-        """Carry out what is new; remove what is old: one round of `run`."""
+        """Carry out new requests and remove old ones: one round of `run`."""
         self._remove(self._take(self._found(), now_s))
 
     def _found(self) -> list[tuple[Path, Wish | OSError | None]]:
         try:
             return list(asked(self._directory))
-        except OSError as e:  # of the directory: next time it may be listed again
+        except OSError as e:  # the directory cannot be listed now; perhaps at the next look
             return [(self._directory, e)]
 
     def _take(self, found: Sequence[tuple[Path, Wish | OSError | None]], now_s: float) -> list[Path]:
-        """Carry out what is new; gives those that are over."""
+        """Carry out new requests; return those that are done."""
         over = []
         for path, wish in found:
-            if isinstance(wish, OSError):  # it may be a wish: it stays, and is tried again
+            if isinstance(wish, OSError):  # it may be a request: it stays, and is tried again
                 log.warning("%s: cannot be read: %s; tried again", path, wish.strerror, extra={"code": "baseline"})
             elif path not in self._done:
                 self._carry_out(path, wish)

@@ -1,4 +1,4 @@
-"""How long the service was off, measured by the clock that nobody can set.
+"""Time for which the service was off, measured by a clock that cannot be set.
 
 Bus time does not follow when the wall clock is set (`bus.clock`), but a starting service begins with the present wall
 clock. A crash after the clock was set forward by an hour would therefore count as an hour parked. So a state records by
@@ -20,7 +20,7 @@ BOOT_ID_GIVEN = "BMS_GATEWAY_BOOT_ID"
 
 
 def boot_id() -> str:
-    """Tell boots apart; empty where nothing does."""
+    """Name of this boot, different for each; empty if the system has none."""
     try:
         return os.environ.get(BOOT_ID_GIVEN) or BOOT_ID.read_text().strip()
     except OSError:
@@ -28,23 +28,23 @@ def boot_id() -> str:
 
 
 def noted(bus_ns: int) -> dict[str, Any]:
-    """Give what a state is to hold as `clock`, at bus time `bus_ns`."""
+    """Return the field `clock` of a state at bus time `bus_ns`."""
     return {"boot": boot_id(), "ahead_ns": bus_ns - boot_ns()}
 
 
 def on_this_line(state: Mapping[str, Any]) -> tuple[Mapping[str, Any], bool]:
-    """Move a stored state's time onto the line that begins now.
+    """Convert a stored state's time to the bus time that begins now.
 
     Parameters
     ----------
     state : mapping
-        Of an engine; with what was `noted` as `clock`, or without.
+        State of an engine, with the result of `noted` as `clock`, or without it.
 
     Returns
     -------
     state : mapping
     sure : bool
-        Whether it is of this boot: how long ago it was is then known, whatever the wall clock shows.
+        Whether it is of this boot: its age is then known, for any wall clock.
     """
     clock, tick_end_ns = state.get("clock"), state.get("tick_end_ns")
     if not (isinstance(clock, Mapping) and isinstance(tick_end_ns, int)):

@@ -1,4 +1,4 @@
-"""What a computer lacks to run the gateway: looked up in /proc and /sys, each with the command that mends it."""
+"""What a computer lacks to run the gateway: read from /proc and /sys, each with the command that repairs it."""
 
 import errno
 import importlib.util
@@ -31,16 +31,16 @@ EXTRAS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes
     ----------
     name : str
     state : {"ok", "missing", "note"}
-        `missing`: the service cannot run, or not well; `note`: something that not everybody needs.
+        `missing`: the service cannot run, or not well; `note`: needed by some users only.
     what : str
     command : str or None
-        What mends it.
+        Command that repairs it.
     """
 
     name: str
@@ -50,33 +50,34 @@ class Finding:
 
 
 def examine(channel: str, root: Path = Path("/")) -> Iterator[Finding]:
-    """Look at this computer.
+    """Examine this computer.
 
     Parameters
     ----------
     channel : str
-        Interface that the gateway is to use.
+        Interface for the gateway.
     root : Path
-        Where /proc, /sys, /run and /dev are.
+        Root of /proc, /sys, /run and /dev.
     """
-    yield _python()
+    yield python_version()
     yield Finding("kernel", "ok" if sys.platform == "linux" else "missing", f"{platform.system()} {platform.release()}")
-    yield _modules(root)
+    yield can_modules(root)
     yield from _interface(channel, root, virtual=channel.startswith("vcan"))
     yield _buffer(root)
     yield _clock(root)
     yield from _extras()
 
 
-def _python() -> Finding:
+def python_version() -> Finding:
+    """Check the version of Python."""
     version = ".".join(map(str, sys.version_info[:3]))
     if sys.version_info >= OLDEST:
         return Finding("Python", "ok", version)
     return Finding("Python", "missing", f"{version}, 3.11 is needed", "sudo apt install python3.11 python3.11-venv")
 
 
-def _modules(root: Path) -> Finding:
-    """Ask the kernel for a CAN socket: whether its modules are there is told by nothing else as surely."""
+def can_modules(root: Path) -> Finding:
+    """Check for the CAN modules by asking the kernel for a CAN socket, the most reliable way."""
     if root == Path("/"):
         try:
             socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
@@ -90,17 +91,17 @@ def _modules(root: Path) -> Finding:
                     "CAN modules", "missing", "a sandbox forbids CAN sockets", "run it outside, or allow AF_CAN"
                 )
             what = "the kernel has no CAN sockets (modules can, can_raw)"
-            return Finding("CAN modules", "missing", what, _load(root, "can_raw"))
+            return Finding("CAN modules", "missing", what, load_command(root, "can_raw"))
         return Finding("CAN modules", "ok", "can and can_raw answer")
     known = (root / "proc/net/can").is_dir()
     if known:
         return Finding("CAN modules", "ok", "can and can_raw answer")
     what = "the kernel has no CAN sockets (modules can, can_raw)"
-    return Finding("CAN modules", "missing", what, _load(root, "can_raw"))
+    return Finding("CAN modules", "missing", what, load_command(root, "can_raw"))
 
 
-def _load(root: Path, module: str) -> str:
-    """Say how to load a module; a small kernel may not have it at all."""
+def load_command(root: Path, module: str) -> str:
+    """Return the command that loads a module, or the one that installs it if the kernel lacks it."""
     release = platform.release()
     if root == Path("/") and not Path("/lib/modules", release).is_dir():
         return f"sudo apt install linux-modules-extra-{release} (this kernel has no modules beside it), then modprobe"
@@ -122,7 +123,7 @@ def _interface(channel: str, root: Path, *, virtual: bool) -> Iterator[Finding]:
     else:
         yield Finding(name, "ok", "is up")
     if not virtual:
-        yield _bit_rate(channel, root)
+        yield bit_rate(channel, root)
     queue = int(_text(here / "tx_queue_len") or "0")
     if queue < QUEUE and not virtual:
         what = f"{queue} frames; those of one tick are more"
@@ -150,8 +151,9 @@ def _bring(channel: str, root: Path, *, virtual: bool) -> str:
     return f"{up}; {keep}{overlay if pi else ''}"
 
 
-def _bit_rate(channel: str, root: Path) -> Finding:
-    details = _link(channel) if root == Path("/") else _given(root / "link.json")
+def bit_rate(channel: str, root: Path) -> Finding:
+    """Check whether the interface has a bit rate."""
+    details = link_details(channel) if root == Path("/") else _given(root / "link.json")
     data = details.get("linkinfo", {}).get("info_data", {})
     rate = data.get("bittiming", {}).get("bitrate")
     if not rate:
@@ -167,7 +169,8 @@ def _bit_rate(channel: str, root: Path) -> Finding:
     return Finding("bit rate", "ok", f"{rate} bit/s, restarts after bus-off")
 
 
-def _link(channel: str) -> dict[str, Any]:
+def link_details(channel: str) -> dict[str, Any]:
+    """Return what `ip` tells of an interface; empty where it tells nothing."""
     ip = shutil.which("ip") or shutil.which("ip", path="/usr/sbin:/sbin")
     if ip is None:
         return {}
@@ -199,7 +202,7 @@ def _buffer(root: Path) -> Finding:
 
 
 def _clock(root: Path) -> Finding:
-    """Bus time is the kernel's own; the wall clock names the days."""
+    """Check the source of the wall clock, which gives the days in logs; bus time is the kernel's own."""
     if (root / "run/systemd/timesync/synchronized").exists() or (root / "run/chrony").is_dir():
         return Finding("time source", "ok", "the wall clock follows the network")
     if (root / "dev/rtc0").exists():
@@ -218,7 +221,7 @@ def _extras() -> Iterator[Finding]:
 
 
 def state_folder(path: Path) -> Finding:
-    """Tell whether a state can be kept."""
+    """Check whether a state can be stored."""
     there = path.absolute()
     while not there.exists() and there != there.parent:
         there = there.parent

@@ -1,13 +1,13 @@
-"""Fits in a process of their own, so that they never hold up a frame, and never hang anything but themselves.
+"""Fits in a process of their own, so that a fit that is slow or hangs never delays a frame.
 
-In a thread a fit shares the interpreter's lock with the loop that reads and sends. Each time the loop gives it up (a
-system call, a long array operation) it may wait a switch interval to have it back, and a tick makes many of both:
-frames came up to 70 ms late. A child takes some tenths of a second longer to start and to import, which nobody waits
-for, and its memory is there only while it works. A job is complete in itself and pickles, and gives the same result
-wherever it runs.
+A thread with a fit would share the interpreter's lock with the loop that reads and sends. Each time the loop releases
+it (a system call, a long array operation), it may wait a switch interval to get it back, and a tick has many of both:
+frames came up to 70 ms late. A child process takes some tenths of a second longer to start and import, for which
+nothing waits, and its memory is used only while it works. A job contains all its data, can be pickled, and gives the
+same result everywhere.
 
-And a thread cannot be ended from outside, a process can. One that has not ended after `DEADLINE_S` is killed. What came
-of no fit (killed, no memory for it, no process to be had) is a value, `NotDone`: the gateway tells it and tries again.
+A thread cannot be ended from outside; a process can. A child that has not ended after `DEADLINE_S` is killed. A fit
+without a result (killed, no memory, no process) returns the value `NotDone`: the gateway reports it and tries again.
 """
 
 import ctypes
@@ -32,16 +32,16 @@ if sys.version_info < (3, 11, 4):
     # These hold the interpreter's lock from vfork to exec: a program on a disk that hangs would stop the whole service.
     setattr(subprocess, "_USE_VFORK", False)  # noqa: B010 (the documented way; typed as if nobody might)
 
-DEADLINE_S: Final = 60.0  # twice what a result may take to count in time; on a slow core it takes some seconds
-REAP_S: Final = 1.0  # what is killed is gone in milliseconds, unless the kernel itself hangs
-NICE: Final = 5  # the loop goes first; and beside a busy program a fit still ends long before it is due
-CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.fit_process")  # nothing from where it happens to run
+DEADLINE_S: Final = 60.0  # twice the time in which a result counts as in time; on a slow core a fit takes some seconds
+REAP_S: Final = 1.0  # a killed process is gone within milliseconds, unless the kernel itself hangs
+NICE: Final = 5  # the loop has priority; with a busy program beside it, a fit still ends long before it is due
+CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.fit_process")  # independent of the working directory
 PR_SET_PDEATHSIG: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
 class NotDone:
-    """A job that came to nothing, and why; another try may do better."""
+    """A job that failed, and the reason; another attempt may succeed."""
 
     why: str
 
@@ -52,7 +52,7 @@ class Aside:
     Parameters
     ----------
     deadline_s : float
-        A child that has not ended after so long is killed.
+        A child that has not ended after this time is killed.
     child : sequence of str
         Program that does `work`.
     """
@@ -62,17 +62,17 @@ class Aside:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread: int | None = None  # that waits for the start of a child
-        self._elder: frozenset[int] = frozenset()  # children of this thread that it had before: not ours to kill
+        self._elder: frozenset[int] = frozenset()  # earlier children of this thread: not to be killed
         self._closed = False
 
     @property
     def process(self) -> int | None:
-        """Its identifier while one works."""
+        """Identifier of the working child."""
         running = self._process
         return None if running is None else running.pid
 
     def run(self, job: Job) -> object:
-        """Run a job and wait for its result; to be called in a thread, and not again before it has returned.
+        """Run a job and wait for its result; to be called in a thread, and again only after it has returned.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Aside:
         Returns
         -------
         object
-            As of ``job.run()``, or `NotDone`.
+            Result of ``job.run()``, or `NotDone`.
         """
         given, late = pickle.dumps(job), NotDone(f"it had not ended after {self._deadline_s:g} s and was killed")
         with self._lock:
@@ -109,19 +109,19 @@ class Aside:
         return result
 
     def close(self) -> None:
-        """Kill what works, and start nothing any more."""
+        """Kill the working child, and start none from now on."""
         with self._lock:
             self._closed = True
         self._kill()
 
     def _start(self) -> "subprocess.Popen[bytes]":
-        """Start a child; one that hangs before it is the program that was asked for is killed at the deadline too."""
+        """Start a child; if it hangs before it is the requested program, it is killed at the deadline too."""
         timer = threading.Timer(self._deadline_s, self._kill)
         timer.daemon = True  # the interpreter does not wait for it
         timer.start()
         try:
-            # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may
-            # share the processor out by sessions, and then priorities count only within one.
+            # a separate group: an interrupt from the keyboard is for the service. Not a separate session: Linux may
+            # share the processor between sessions, and then priorities count only within one.
             process = subprocess.Popen(  # noqa: S603 (our own module)
                 self._child, stdin=subprocess.PIPE, stdout=subprocess.PIPE, process_group=0
             )
@@ -136,7 +136,7 @@ class Aside:
         return process
 
     def _kill(self) -> None:
-        """Kill the child. While it is being started only the kernel has its number, in a list for each thread."""
+        """Kill the child. While it is being started, only the kernel has its number, in a list for each thread."""
         with self._lock:
             if self._process is not None:
                 self._process.kill()
@@ -146,21 +146,21 @@ class Aside:
                         os.kill(child, signal.SIGKILL)
 
     def _reap(self, process: "subprocess.Popen[bytes]") -> None:
-        """Leave nothing of a child, however it went."""
+        """Remove all remains of a child, however it ended."""
         if process.poll() is None:
             process.kill()
             with suppress(subprocess.TimeoutExpired):
                 process.wait(REAP_S)
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
-                with suppress(BrokenPipeError):  # what it has not read goes with it
+                with suppress(BrokenPipeError):  # what it has not read is discarded
                     pipe.close()
         with self._lock:
             self._process = None
 
 
 def _children_of(thread: int) -> frozenset[int]:
-    """List the processes that a thread of this process has started; none where the kernel keeps no such list."""
+    """List the processes that a thread of this process has started; empty if the kernel keeps no such list."""
     try:
         listed = Path(f"/proc/self/task/{thread}/children").read_text(encoding="ascii")
     except OSError:
@@ -169,15 +169,15 @@ def _children_of(thread: int) -> frozenset[int]:
 
 
 def work(given: BinaryIO, out: BinaryIO) -> None:
-    """Read a job, run it, write its result: what the child does."""
+    """Read a job, run it, write its result: the work of the child."""
     job: Job = pickle.load(given)  # noqa: S301 (written by our own parent)
     pickle.dump(job.run(), out)
 
 
 if __name__ == "__main__":
-    # where the service is killed its fit goes too, even one that hangs
+    # if the service is killed, its fit ends too, even one that hangs
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     first_to_go()
-    with suppress(PermissionError):  # the hardened unit forbids it, and has put the loop above its children instead
+    with suppress(PermissionError):  # the hardened unit forbids it, and has given the loop priority over its children
         os.nice(NICE)
     work(sys.stdin.buffer, sys.stdout.buffer)

@@ -1,4 +1,4 @@
-"""Fits that the engine hands out are made beside the event loop; one that comes to nothing is tried again."""
+"""Fits that the engine gives out run beside the event loop; a fit without a result is tried again."""
 
 import asyncio
 import logging
@@ -8,15 +8,15 @@ from typing import Final, Protocol
 
 from bms_gateway.bus.port import Port
 from bms_gateway.engine.events import Job, StartJob
-from bms_gateway.service.engine import LiveEngine
+from bms_gateway.service.engine_protocol import LiveEngine
 from bms_gateway.service.fit_process import NotDone
 from bms_gateway.service.tally import Tally
-from bms_gateway.service.worker import Worker
+from bms_gateway.service.task_thread import Worker
 
 log = logging.getLogger(__name__)
 
-RETRY_FIRST_S: Final = 60.0  # what killed a fit (no memory, a busy machine) may be over by then
-RETRY_MOST_S: Final = 900.0  # a fit that always hangs costs a minute of a process in so long
+RETRY_FIRST_S: Final = 60.0  # the reason why a fit was killed (no memory, a busy machine) may be gone by then
+RETRY_MOST_S: Final = 900.0  # a fit that always hangs takes a minute of a process in each such time
 
 
 def run_here(job: Job) -> object:
@@ -25,7 +25,7 @@ def run_here(job: Job) -> object:
 
 
 class Service(Protocol):
-    """What fits must know of the service that they are made for."""
+    """What fits need of the service."""
 
     engine: LiveEngine
     port: Port
@@ -33,7 +33,7 @@ class Service(Protocol):
 
     @property
     def stopping(self) -> bool:
-        """Whether nothing new is begun any more."""
+        """Whether the service is ending, so that nothing new begins."""
         ...
 
 
@@ -43,9 +43,9 @@ class Fits:
     Parameters
     ----------
     service : Service
-        Its engine may be another one after a reload: that one fits windows of its own.
+        A reload may replace its engine; the new engine fits its own windows.
     run, end : callable
-        As `live.Jobs` says.
+        As in `live.Jobs`.
     """
 
     def __init__(self, service: Service, run: Callable[[Job], object], end: Callable[[], None]) -> None:
@@ -53,17 +53,17 @@ class Fits:
         self._worker = Worker("fits")
 
     def start(self, engine: LiveEngine, event: StartJob) -> None:
-        """Have a job done; its result goes to `engine`."""
+        """Start a job; its result goes to `engine`."""
         self._service.tally.jobs += 1
         self._try(engine, event, RETRY_FIRST_S)
 
     def close(self) -> None:
-        """Start nothing more; what is being done need not be finished."""
+        """Start no more jobs; running jobs need not be finished."""
         self._worker.close()
         self._end()
 
     def _try(self, engine: LiveEngine, event: StartJob, again_s: float) -> None:
-        """Have a job done; one that comes to nothing is tried again after `again_s`, and then ever less often."""
+        """Run a job; without a result, it is tried again after `again_s`, then at growing intervals."""
         if self._service.stopping or engine is not self._service.engine:
             return
         done = self._worker.submit(partial(self._run, event.job))

@@ -21,7 +21,7 @@ DEADLINE_S: Final = 3.0  # a scrape over loopback takes milliseconds
 HEAD_BYTES: Final = 4096  # Prometheus sends 300
 PAUSE_S: Final = 0.01  # at most a hundred clients a second
 FRESH_S: Final = 0.2
-RETRY_S: Final = 10.0  # until the address is tried again when somebody else has it
+RETRY_S: Final = 10.0  # time until an address in use is tried again
 
 
 class MetricsServer:
@@ -38,21 +38,23 @@ class MetricsServer:
     Attributes
     ----------
     address : tuple of str and int, or None
-        Where it listens; None before it does.
+        Address of the socket; None before it listens.
+    clients : dict of Task to bool
+        Present clients, the oldest first, and whether their request has arrived.
     refused : int
-        Clients without an answer: too slow, gone, or saying too much.
+        Clients without an answer: too slow, disconnected, or with too long a request.
     """
 
     def __init__(self, host: str, port: int, page: Callable[[], bytes], content_type: str) -> None:
-        self._host, self._port = host, port
+        self._host, self.port = host, port
         self._page, self._type = page, content_type
         self._made: tuple[float, bytes] | None = None
-        self.clients: dict[asyncio.Task[None], bool] = {}  # the oldest first; whether it has asked
+        self.clients: dict[asyncio.Task[None], bool] = {}
         self.address: tuple[str, int] | None = None
         self.refused = 0
 
     async def run(self) -> None:
-        """Serve until cancelled; an address that is taken is told once and tried again."""
+        """Serve until cancelled; an address in use is reported once and tried again."""
         sock = await self._listen()
         try:
             await self._accept(sock)
@@ -68,12 +70,12 @@ class MetricsServer:
             try:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 sock.setblocking(False)
-                sock.bind((self._host, self._port))
+                sock.bind((self._host, self.port))
                 sock.listen(QUEUE)
             except OSError as error:
                 sock.close()
                 if not told:
-                    where = f"{self._host}:{self._port}"
+                    where = f"{self._host}:{self.port}"
                     log.warning("no metrics at %s: %s; trying again, estimates go on", where, error.strerror)
                     told = True
                 await asyncio.sleep(RETRY_S)
@@ -87,42 +89,45 @@ class MetricsServer:
         while True:
             try:
                 client, _ = await loop.sock_accept(sock)
-            except OSError:  # gone before it was taken, or no descriptor left: the next one may do better
+            except OSError:  # disconnected before it was accepted, or no descriptor left: the next one may succeed
                 self.refused += 1
             else:
                 if len(self.clients) >= SLOTS:
-                    self._let_go()
-                task = loop.create_task(self._serve(client))
+                    self.let_go()
+                task = loop.create_task(self.serve(client))
                 self.clients[task] = False
-                task.add_done_callback(self._on_served)
+                task.add_done_callback(self.on_served)
             await asyncio.sleep(PAUSE_S)
 
-    def _let_go(self) -> None:
-        """Close the oldest client that has not asked; where all have, the oldest."""
+    def let_go(self) -> None:
+        """Close the oldest client without a complete request; if all are complete, the oldest."""
         oldest = next((task for task, asked in self.clients.items() if not asked), next(iter(self.clients)))
         del self.clients[oldest]
         self.refused += 1
         oldest.cancel()
 
-    def _on_served(self, task: "asyncio.Task[None]") -> None:
+    def on_served(self, task: "asyncio.Task[None]") -> None:
+        """Remove a client that is done, and report a page that could not be made."""
         self.clients.pop(task, None)
         if not task.cancelled() and (bug := task.exception()) is not None:
             self.refused += 1
             log.error("the page of metrics cannot be made; estimates go on", exc_info=bug)
 
-    async def _serve(self, client: socket.socket) -> None:
+    async def serve(self, client: socket.socket) -> None:
+        """Read the request of a client and answer it within its time."""
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(DEADLINE_S):
                 head = await self._head(client)
-                self._has_asked(asyncio.current_task())
-                await loop.sock_sendall(client, self._answer(head))
+                self.has_asked(asyncio.current_task())
+                await loop.sock_sendall(client, self.answer(head))
         except (TimeoutError, OSError):
             self.refused += 1
         finally:
             client.close()
 
-    def _has_asked(self, task: "asyncio.Task[None] | None") -> None:
+    def has_asked(self, task: "asyncio.Task[None] | None") -> None:
+        """Note that the whole request has arrived: idle clients are closed first."""
         if task in self.clients:
             self.clients[task] = True
 
@@ -135,7 +140,8 @@ class MetricsServer:
             head += part
         return head
 
-    def _answer(self, head: bytes) -> bytes:
+    def answer(self, head: bytes) -> bytes:
+        """Answer a request by its head."""
         if len(head) > HEAD_BYTES:
             self.refused += 1
             return _response("431 Request Header Fields Too Large", b"")
@@ -147,10 +153,11 @@ class MetricsServer:
             return _response("404 Not Found", b"metrics are at /metrics\n")
         if method not in (b"GET", b"HEAD"):
             return _response("405 Method Not Allowed", b"", "Allow: GET, HEAD\r\n")
-        body = self._fresh()
+        body = self.fresh()
         return _response("200 OK", body, f"Content-Type: {self._type}\r\n", head_only=method == b"HEAD")
 
-    def _fresh(self) -> bytes:
+    def fresh(self) -> bytes:
+        """Return the page, made again once it is older than `FRESH_S`."""
         now = time.monotonic()
         if self._made is None or now - self._made[0] > FRESH_S:
             self._made = (now, self._page())

@@ -1,8 +1,8 @@
 """Lines for people and journald: one line per event, with its priority, and never a flood of lines.
 
-Under systemd a line goes to journald by its own protocol, with fields to filter by: ``journalctl BMS_STRING=string_2``,
-``BMS_CODE=alert-sensor``, ``BMS_CELL=7`` beside the usual PRIORITY and CODE_FILE. Where that socket does not take it,
-the line goes to standard error with its syslog level in front (``<4>…``), which journald takes off again.
+Under systemd a line goes to journald by its own protocol, with fields for filters: ``journalctl BMS_STRING=string_2``,
+``BMS_CODE=alert-sensor``, ``BMS_CELL=7`` besides the usual PRIORITY and CODE_FILE. If the socket refuses it, the line
+goes to standard error with its syslog level in front (``<4>…``), which journald removes.
 
 A few lines per minute of the same origin (logger and code) are written; the rest is counted, and one line gives the
 count. If journald is busy, a line is lost and counted, but never a frame.
@@ -16,8 +16,8 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-FREE: Final = 5  # lines of one kind per WINDOW_S: enough for five strings to tell the same
-ASKED: Final = 60  # the same of answers: a person who asks waits for one
+FREE: Final = 5  # lines of one kind per WINDOW_S: enough for the same line from five strings
+ASKED: Final = 60  # the same for answers: a person waits for them
 WINDOW_S: Final = 60.0
 NOTICE: Final = 25  # between INFO and WARNING, as syslog has it
 JOURNAL: Final = "/run/systemd/journal/socket"
@@ -28,15 +28,15 @@ _SYSLOG = {logging.DEBUG: 7, logging.INFO: 6, NOTICE: 5, logging.WARNING: 4, log
 
 
 class Throttle(logging.Filter):
-    """Lets `FREE` lines of a kind through per `WINDOW_S`; the first line after that tells how many were held back.
+    """Passes `FREE` lines of a kind per `WINDOW_S`; the first line after that states how many were suppressed.
 
-    Of records with the attribute `asked`, which answer a person, `ASKED` are let through. The kind is the attribute
-    `kind` or `code` of the record where there is one, else the place in the code.
+    Of records with the attribute `asked`, which answer a person, `ASKED` are passed. The kind is the attribute `kind`
+    or `code` of the record if there is one, else the place in the code.
 
     Attributes
     ----------
     held : int
-        Lines held back so far.
+        Number of suppressed lines.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -78,34 +78,35 @@ class JournalHandler(logging.Handler):
     path : str
         The socket.
     otherwise : logging.Handler
-        Takes what the socket does not: it is not there, or the line is too long for it.
+        Gets the lines that the socket refuses: it does not exist, or the line is too long.
 
     Attributes
     ----------
     lost : int
-        Lines that journald was too busy to take.
+        Lines that journald was too busy to accept.
+    sock : socket.socket
     """
 
     def __init__(self, path: str, otherwise: logging.Handler) -> None:
         super().__init__()
         self._path, self._otherwise = path, otherwise
-        self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        self._sock.setblocking(False)
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        self.sock.setblocking(False)
         self._plain = logging.Formatter("%(message)s")
         self.lost = 0
 
     def emit(self, record: logging.LogRecord) -> None:
         """Send one line with its fields."""
         try:
-            self._sock.sendto(self._entry(record), self._path)
+            self.sock.sendto(self._entry(record), self._path)
         except BlockingIOError:
             self.lost += 1
         except OSError:  # journald is being restarted, or the text is too long: standard error leads there too
             self._otherwise.handle(record)
 
     def close(self) -> None:
-        """Let go of the socket."""
-        self._sock.close()
+        """Close the socket."""
+        self.sock.close()
         super().close()
 
     def _entry(self, record: logging.LogRecord) -> bytes:
@@ -125,7 +126,7 @@ class JournalHandler(logging.Handler):
 
 
 def _field(name: str, value: str) -> bytes:
-    r"""One field of an entry; a value of several lines goes by its length.
+    r"""Return one field of an entry; a value with several lines is preceded by its length.
 
     Examples
     --------
@@ -148,7 +149,7 @@ def leads_to_journal() -> bool:
 
 
 def start_logging(level: int = logging.INFO, *, journal: str = JOURNAL) -> logging.Handler:
-    """Send the package's lines to journald where standard error leads there, else to standard error.
+    """Send the package's lines to journald if standard error leads there, else to standard error.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ SYSLOG_LEVELS: Final = {Level.WARNING: logging.WARNING, Level.NOTICE: NOTICE, Le
 
 
 def write(log: logging.Logger, event: Notice) -> None:
-    """Write the line of one notice; what it is about are its attributes."""
+    """Write the line of one notice, with the attributes of the notice."""
     where = "" if event.string is None else f" [{event.string}]"
     about = {"code": event.code, "string": event.string, "cell": event.cell}
     log.log(SYSLOG_LEVELS[event.level], "%s%s", event.text, where, extra=about)

@@ -1,11 +1,10 @@
-"""The thin shell around the engine: an event loop, a clock, signals, systemd. It decides nothing about batteries.
+"""The thin shell around the engine: an event loop, a clock, signals, systemd. It makes no decision about batteries.
 
-`service.turns` says when it looks at the port.
+`service.turns` decides when it reads the port.
 
-Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the
-timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then and left
-nothing; thus no frame stamped before the deadline is ever behind the timer, and the same traffic read from a log gives
-the same output.
+Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the timer
+is handled only when bus time is `SETTLE_NS` past the deadline, and after a drain that began then and left nothing. Thus
+no frame stamped before the deadline comes after the timer, and the same traffic from a log gives the same output.
 """
 
 import asyncio
@@ -22,7 +21,7 @@ from bms_gateway.engine.events import Alerted, Estimated, Event, Job, Notice, Se
 from bms_gateway.health.alerts import Change
 from bms_gateway.service import lines
 from bms_gateway.service.boot import noted
-from bms_gateway.service.engine import LiveEngine
+from bms_gateway.service.engine_protocol import LiveEngine
 from bms_gateway.service.fits import Fits, run_here
 from bms_gateway.service.notify import notify, watchdog_s
 from bms_gateway.service.parts import Parts
@@ -35,14 +34,14 @@ from bms_gateway.service.turns import SETTLE_NS, Turns
 log = logging.getLogger(__name__)
 
 OVERDUE_NS: Final = 2_000_000_000  # two ticks: a deadline older than this means that the engine does not move
-SAVE_S: Final = 60.0  # what a power cut may cost; an estimate moves little in a minute
+SAVE_S: Final = 60.0  # greatest loss by a power cut; an estimate moves little in a minute
 FEEDS: Final = 3  # per watchdog interval: one may be late
-STATUS_S: Final = 10.0  # what `systemctl status` shows may be so old
-LOOK_S: Final = 0.5  # while the bus is not there at a start
-PATIENCE_S: Final = 30  # by which systemd's time limit for a start is then put off, again and again
-SAVE_LAST_S: Final = 2.0  # a disk that has not answered by then costs the last minute, and not the end
-END_S: Final = 1.0  # what runs beside gets so long to say goodbye
-HASTE: Final = 0.25  # for a person at a terminal, who wants the end within a second, so much of both
+STATUS_S: Final = 10.0  # greatest age of the line that `systemctl status` shows
+LOOK_S: Final = 0.5  # interval of checks while the bus is missing at a start
+PATIENCE_S: Final = 30  # time by which systemd's time limit for a start is then extended, repeatedly
+SAVE_LAST_S: Final = 2.0  # if the disk has not answered by then, the last minute is lost and the service ends
+END_S: Final = 1.0  # time for the end of what runs beside the loop
+HASTE: Final = 0.25  # share of both times for a person at a terminal, who wants the end within a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +51,10 @@ class Jobs:
     Attributes
     ----------
     run : callable
-        Called in a thread of its own; gives a job's result, or `NotDone`: then the job is tried again later.
-        `fit_process.Aside.run` keeps its calculation out of this process.
+        Called in a thread of its own; returns a job's result, or `NotDone`: the job is then tried again later.
+        `fit_process.Aside.run` keeps its computation out of this process.
     end : callable
-        Called at the end: what `run` is at need not be finished.
+        Called at the end: a running `run` need not be finished.
     """
 
     run: Callable[[Job], object] = run_here
@@ -63,22 +62,22 @@ class Jobs:
 
 
 class Gateway:
-    """Engine and port, joined by an event loop.
+    """Engine and port, connected by an event loop.
 
     Parameters
     ----------
     engine : LiveEngine
     port : Port
     save : callable, optional
-        Gets a snapshot every `SAVE_S` and, last of all, at the end, in a thread of its own; one that hangs holds up
-        nothing but itself. What it raises as `GatewayError` or `OSError` is told and does no harm.
+        Gets a snapshot every `SAVE_S` and at the end, in a thread of its own, so that a save that hangs delays nothing
+        else. A `GatewayError` or `OSError` from it is reported and has no other effect.
     reload : coroutine function, optional
-        Called on SIGHUP; gives the engine to go on with, while the present one goes on. A `GatewayError` is told and
-        keeps the present one.
+        Called on SIGHUP; returns the new engine, while the present one continues. A `GatewayError` is reported, and the
+        present engine is kept.
     watch : callable, optional
-        Gets every event in order, jobs left out: for a record of what is sent, or a live table.
+        Gets every event except jobs, in order: for a record of what is sent, or a live table.
     jobs : Jobs
-        Not in this process, as a rule: see `fit_process.Aside`.
+        Usually in another process: see `fit_process.Aside`.
 
     Attributes
     ----------
@@ -87,20 +86,26 @@ class Gateway:
         What runs in the same loop until the end, by name; added before `run`.
     save_every_s : float
     unread : callable
-        What of a stored state could not be read, and is kept until a person sees to it; empty for nothing.
+        Returns which parts of a stored state could not be read and wait for a person; empty if none.
     on_alert : callable
-        Told of every change of the engine's alerts.
+        Gets every change of the engine's alerts.
     summary : callable
-        One line for systemd's status, before the counts of frames.
+        Returns one line for systemd's status, before the counts of frames.
     ended_by : int or None
-        The signal that has ended it.
+        The signal that ended it.
+    turns : Turns
+        Decides when port and engine are served.
+    fits : Fits
+        Jobs that run beside the loop.
+    saves : Saves or None
+    reloads : Reloads or None
 
     Notes
     -----
-    READY is told once the bus is open; until then systemd sees what is waited for.
+    READY is sent when the bus is open; until then systemd sees what is missing.
 
-    The watchdog is fed only when all three move: the receiving side (drained since the last time, or asleep on a
-    silent bus), the estimator (no deadline is overdue) and the sender (nothing waits, or it was its turn in time).
+    The watchdog is fed only if all three work: the receiving side (drained since the last time, or asleep on a silent
+    bus), the estimator (no deadline is overdue) and the sender (nothing waits, or it was served in time).
     """
 
     def __init__(
@@ -123,52 +128,53 @@ class Gateway:
         self.ended_by: int | None = None
         self.save_every_s = SAVE_S
         self._watch = watch
-        self._turns = Turns(self)
-        self._fits = Fits(self, jobs.run, jobs.end)
-        self._saves = None if save is None else Saves(save, self._snapshot, self.tally)
-        self._reloads = None if reload is None else Reloads(self, reload)
+        self.turns = Turns(self)
+        self.fits = Fits(self, jobs.run, jobs.end)
+        self.saves = None if save is None else Saves(save, self._snapshot, self.tally)
+        self.reloads = None if reload is None else Reloads(self, reload)
         self._ready = False
         self._pump_timer: asyncio.TimerHandle | None = None
         self._failure: BaseException | None = None
 
     def serve(self, *, seconds: float | None = None, signals: Signals | None = None) -> None:
-        """Run in an event loop of its own, as a command does.
+        """Run in its own event loop, as a command does.
 
         Parameters
         ----------
         seconds, signals
-            As of `run`, and so is what is raised besides.
+            As for `run`, also for other exceptions.
 
         Raises
         ------
         KeyboardInterrupt
-            SIGINT has ended it, cleanly.
+            SIGINT has ended it in an orderly way.
         """
         asyncio.run(self.run(seconds=seconds, signals=signals))
         if self.ended_by == signal.SIGINT:
             raise KeyboardInterrupt
 
     async def run(self, *, seconds: float | None = None, signals: Signals | None = None) -> None:
-        """Work until SIGTERM, SIGINT or the time is over; then save the state.
+        """Work until SIGTERM, SIGINT or the end of the time; then save the state.
 
         Parameters
         ----------
         seconds : float, optional
-            End by itself after so long.
+            Time after which it ends by itself.
         signals : Signals, optional
-            Of whoever limits how long ending may take.
+            Given by a caller that limits the time of ending.
 
         Raises
         ------
         Exception
-            Whatever escapes the engine or a job: a bug, to be seen; the state is not saved, systemd restarts us.
+            Any exception of the engine or a job, which is a bug. The state is not saved, and systemd restarts the
+            service.
         """
         self._loop = asyncio.get_running_loop()
         self._stop = asyncio.Event()
         self._loop.set_exception_handler(self._on_bug)
         actions: dict[int, Callable[[], object]] = {n: partial(self._on_end, n) for n in ENDING}
-        if self._reloads is not None:
-            actions[signal.SIGHUP] = self._reloads.begin
+        if self.reloads is not None:
+            actions[signal.SIGHUP] = self.reloads.begin
         taken = signals or Signals()
         taken.take(self._loop, actions)
         try:
@@ -180,30 +186,30 @@ class Gateway:
 
     async def _live(self, seconds: float | None) -> None:
         self._pump()
-        self._turns.begin()
+        self.turns.begin()
         if (watchdog := watchdog_s()) is not None:
             self._every(watchdog / FEEDS, self._feed)
-        if self._saves is not None:
+        if self.saves is not None:
             self.tally.saved_s = self._loop.time()
-            self._every(self.save_every_s, self._saves.begin)
+            self._every(self.save_every_s, self.saves.begin)
         self._tell_ready()
         self._every(STATUS_S, self.tell_status)
         self.beside.start()
         with suppress(TimeoutError):
             await asyncio.wait_for(self._stop.wait(), seconds)
-        self._stop.set()  # the time may be over: a drain that is still due must find it so
+        self._stop.set()  # the loop may be ending: a drain that is still due must see it
         notify("STOPPING=1", "STATUS=saving state")
         self._let_go()
         if self._failure is not None:
             raise self._failure
-        if self._saves is not None:
-            await self._saves.last(self._at_end(SAVE_LAST_S))
-        going = () if self._reloads is None or self._reloads.going is None else (self._reloads.going,)
+        if self.saves is not None:
+            await self.saves.last(self._at_end(SAVE_LAST_S))
+        going = () if self.reloads is None or self.reloads.going is None else (self.reloads.going,)
         await self.beside.end(self._at_end(END_S), *going)
 
     @property
     def stopping(self) -> bool:
-        """Whether `run` ends: nothing new is begun then."""
+        """Whether `run` ends, so that nothing new begins."""
         return self._stop.is_set()
 
     def stop(self) -> None:
@@ -220,7 +226,7 @@ class Gateway:
     # frames in, deadlines
 
     def step(self) -> int:
-        """Drain, give to the engine, do what is due, carry out what it says; returns the number of frames."""
+        """Drain, give frames to the engine, do what is due, carry out its events; return the number of frames."""
         before_ns = self.port.now_ns()
         frames = self.port.drain()
         self.engine.dropped = self.port.counters.dropped
@@ -230,20 +236,20 @@ class Gateway:
         if due is not None and due + SETTLE_NS <= before_ns and self.port.emptied:
             self.engine.handle_timer(now_ns=before_ns - SETTLE_NS)
         self.put_out()
-        self._turns.drained()
+        self.turns.drained()
         if self.port.link is not Link.UP and self._pump_timer is None:
             self._pump()
         return len(frames)
 
     def go_on_with(self, engine: LiveEngine) -> None:
-        """Take another engine, as after a reload; to be called in the loop."""
+        """Continue with another engine, as after a reload; call this in the loop."""
         self.engine = engine
-        self._turns.arm()
+        self.turns.arm()
 
     # events out
 
     def put_out(self) -> None:
-        """Carry out what the engine says: send, tell, start jobs."""
+        """Carry out the engine's events: send frames, report notices, start jobs."""
         sent = False
         while (event := self.engine.next_output()) is not None:
             if isinstance(event, StartJob):
@@ -270,8 +276,8 @@ class Gateway:
         self._pump_timer = None if wait is None else self._loop.call_later(wait, self._pump)
 
     def start_job(self, event: StartJob) -> None:
-        """Have a job done beside the loop; its result goes to the engine of now."""
-        self._fits.start(self.engine, event)
+        """Run a job beside the loop; its result goes to the present engine."""
+        self.fits.start(self.engine, event)
 
     # systemd, state, end
 
@@ -285,7 +291,7 @@ class Gateway:
 
     def _feed(self) -> None:
         due = self.engine.next_deadline()
-        receiving = self._turns.move()
+        receiving = self.turns.move()
         estimating = due is None or self.port.now_ns() - due < OVERDUE_NS
         sending = self._pump_timer is None or self._loop.time() - self._pump_timer.when() < OVERDUE_NS / 1e9
         if receiving and estimating and sending:
@@ -294,7 +300,7 @@ class Gateway:
             log.error("stalled: receiving %s, estimating %s, sending %s", receiving, estimating, sending)
 
     def _tell_ready(self) -> None:
-        """READY once the bus is open; before that ask for patience and say what is missing, and look again."""
+        """Send READY when the bus is open; before, extend the time limit, say what is missing, and check again."""
         if self._ready or self._stop.is_set():
             return
         if self.port.link in (Link.DOWN, Link.ABSENT):
@@ -305,7 +311,7 @@ class Gateway:
         notify("READY=1", self._status())
 
     def tell_status(self, *before: str) -> None:
-        """Give systemd the line of now, after others: who looks at it when something happens should see it."""
+        """Send systemd the present status line, after other lines, so that it is seen when something happens."""
         if self._ready:
             notify(*before, self._status())
 
@@ -318,14 +324,14 @@ class Gateway:
         return {**self.engine.snapshot(), "clock": noted(self.port.now_ns())}
 
     def _on_bug(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """End the service on any exception in the loop: better restarted than half alive."""
+        """End the service on any exception in the loop: a restart is better than a service that works partly."""
         self._failure = self._failure or context.get("exception") or RuntimeError(context["message"])
         self._stop.set()
 
     def _let_go(self) -> None:
-        self._turns.end()
+        self.turns.end()
         if self._pump_timer is not None:
             self._pump_timer.cancel()
-        if self._reloads is not None and self._reloads.going is not None:
-            self._reloads.going.cancel()  # the engine of now is the one that is saved
-        self._fits.close()
+        if self.reloads is not None and self.reloads.going is not None:
+            self.reloads.going.cancel()  # the present engine is the one that is saved
+        self.fits.close()

@@ -1,4 +1,4 @@
-"""Who goes where the memory that the system gives the service is too small for it and its children."""
+"""Which process the kernel ends first if memory is too small for the service and its children."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -8,6 +8,6 @@ FIRST_TO_GO: Final = "1000"
 
 
 def first_to_go() -> None:
-    """Have the kernel end this process before any other of its group: for children, which are told and tried again."""
+    """Make the kernel end this process before others of its group: if a child ends, its job is tried again."""
     with suppress(OSError):  # another system, or a sandbox that forbids it
         Path("/proc/self/oom_score_adj").write_text(FIRST_TO_GO)

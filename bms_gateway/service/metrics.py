@@ -33,11 +33,11 @@ FLAGS: Final = (
     *("ageing", "cooling", "current", "inlet", "mismatch", "missing_heat", "self_discharge", "thermocouple"),
     "unexplained_heat",
 )
-"""Flags of a string, as `StringHealth.conditions` calls them."""
+"""Flags of a string, named as in `StringHealth.conditions`."""
 
 
 class MeasuredEngine(WatchedEngine, Protocol):
-    """What the page needs of the engine beyond what is watched."""
+    """What the page needs of the engine in addition to `WatchedEngine`."""
 
     frames: int
 
@@ -54,10 +54,10 @@ class Page:
     ----------
     gateway : Gateway
     engine : callable
-        Gives the engine of now.
+        Returns the present engine.
     watch : Watch
     more : callables, optional
-        Families of what runs beside.
+        Families of metrics of other parts.
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class Page:
         self._started_s = time.time()
 
     def __call__(self) -> bytes:
-        """Make it as text."""
+        """Make the page as text."""
         return page(self.families())
 
     def families(self) -> Iterator[Family]:
-        """Give all metrics, in the order of the page."""
+        """Yield all metrics, in the order of the page."""
         engine = self._engine()
         yield from self._process()
         yield from self._bus()
@@ -94,7 +94,7 @@ class Page:
         yield Family("process_start_time_seconds", "gauge", "Start, seconds since 1970.", (("", {}, self._started_s),))
         cpu = usage.ru_utime + usage.ru_stime
         yield Family("process_cpu_seconds_total", "counter", "Processor time used.", (("", {}, cpu),))
-        resident = Family("process_resident_memory_bytes", "gauge", "Memory held.", (("", {}, _resident_bytes()),))
+        resident = Family("process_resident_memory_bytes", "gauge", "Memory held.", (("", {}, resident_bytes()),))
         yield resident
 
     def _bus(self) -> Iterator[Family]:
@@ -218,7 +218,7 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
 
 
 def _ahead(strings: Sequence[WatchedString]) -> Iterator[Family]:
-    """Give what comes next, of the cell that will be hottest in ten minutes; nothing of strings without a forecast."""
+    """Yield the forecast of the cell that will be hottest in ten minutes; nothing for strings without a forecast."""
     known = [(s.plan.name, f, k) for s in strings if (f := s.forecast) is not None and (k := f.hottest) is not None]
     points, sd = [], []
     for name, f, k in known:
@@ -260,8 +260,9 @@ def _samples(value: float | Mapping[str, float], label: str) -> tuple[Sample, ..
     return (("", {}, float(value)),)
 
 
-def _resident_bytes() -> float:
+def resident_bytes() -> float:
+    """Memory that the process holds; NaN if the kernel does not report it."""
     try:
         return float(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
     except (OSError, IndexError, ValueError):
-        return float("nan")  # left out of the page, as all that is not known
+        return float("nan")  # left out of the page, as every unknown value

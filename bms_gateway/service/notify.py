@@ -11,7 +11,7 @@ def notify(*lines: str) -> bool:
     Returns
     -------
     bool
-        Whether anybody listens.
+        Whether a receiver exists.
     """
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address:
@@ -23,12 +23,12 @@ def notify(*lines: str) -> bool:
         try:
             sock.sendto("\n".join(lines).encode(), address)
         except OSError:
-            return False  # nothing may depend on it: without WATCHDOG=1 systemd restarts us, as it should
+            return False  # an error here is ignored: without WATCHDOG=1, systemd restarts the service, as it should
     return True
 
 
 def reloading() -> bool:
-    """Tell that the configuration is being read again; ``READY=1`` ends it."""
+    """Report that the configuration is being read again; ``READY=1`` ends this state."""
     return notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1_000}")
 
 

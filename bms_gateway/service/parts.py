@@ -1,4 +1,4 @@
-"""What runs in the event loop of the service beside the estimates: metrics, MQTT, a baseline that is asked for."""
+"""What runs in the event loop of the service besides the estimates: metrics, MQTT, requests for a baseline."""
 
 import asyncio
 import logging
@@ -13,12 +13,12 @@ log = logging.getLogger(__name__)
 class Parts(dict[str, Callable[[], Coroutine[Any, Any, None]]]):
     """Coroutine functions by name, added before the service runs.
 
-    One that fails is told, counted and left off: estimates do not depend on who looks at them.
+    A part that fails is reported, counted and left off: estimates do not depend on it.
 
     Parameters
     ----------
     tally : Tally
-        Keeps the reasons.
+        Stores the reasons.
     """
 
     def __init__(self, tally: Tally) -> None:
@@ -33,7 +33,7 @@ class Parts(dict[str, Callable[[], Coroutine[Any, Any, None]]]):
             self._tasks.append(task)
 
     async def end(self, most_s: float, *more: "asyncio.Task[None]") -> None:
-        """Cancel them and other tasks, and wait so long for their farewell, s."""
+        """Cancel them and other tasks, and wait at most this time for their end, s."""
         tasks = [*self._tasks, *more]
         for task in tasks:
             task.cancel()

@@ -1,4 +1,4 @@
-"""The config is read again on request, beside the event loop; the present engine goes on meanwhile."""
+"""The config is read again on request, beside the event loop; the present engine continues meanwhile."""
 
 import asyncio
 import logging
@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Final, Protocol
 
 from bms_gateway.errors import GatewayError
-from bms_gateway.service.engine import LiveEngine
+from bms_gateway.service.engine_protocol import LiveEngine
 from bms_gateway.service.notify import reloading
 from bms_gateway.service.tally import Tally
 
@@ -15,35 +15,35 @@ ANSWER: Final = {"code": "reload", "asked": True}
 
 
 class Service(Protocol):
-    """What reloads must know of the service whose engine they replace."""
+    """What reloads need of the service whose engine they replace."""
 
     tally: Tally
 
     @property
     def stopping(self) -> bool:
-        """Whether nothing new is begun any more."""
+        """Whether the service is ending, so that nothing new begins."""
         ...
 
     def go_on_with(self, engine: LiveEngine) -> None:
-        """Take another engine."""
+        """Use another engine."""
 
     def tell_status(self, *before: str) -> None:
-        """Tell systemd the status after other lines, if it knows that the service is ready."""
+        """Send systemd the status after other lines, if it knows that the service is ready."""
 
 
 class Reloads:
-    """Reads of the config, one at a time; what is asked for during one is done once more after it.
+    """Reads of the config, one at a time; requests during a read cause one more read after it.
 
     Parameters
     ----------
     service : Service
     read : coroutine function
-        Gives the engine to go on with. A `GatewayError` is told and keeps the present one.
+        Returns the new engine. A `GatewayError` is reported, and the present engine is kept.
 
     Attributes
     ----------
     going : asyncio.Task or None
-        The read that goes on.
+        The read in progress.
     """
 
     def __init__(self, service: Service, read: Callable[[], Awaitable[LiveEngine]]) -> None:
@@ -52,7 +52,7 @@ class Reloads:
         self.going: asyncio.Task[None] | None = None
 
     def begin(self) -> None:
-        """Begin to read, or, where that goes on already, do so once more when it ends; called in the event loop."""
+        """Start a read; if one is in progress, read once more after it. Call this in the event loop."""
         if self.going is not None:
             self._again = True
             return
@@ -70,7 +70,7 @@ class Reloads:
             log.error(text, error, extra=ANSWER)  # noqa: TRY400 (one line for a person, no traceback)
         else:
             tally.reloads += 1
-            tally.fit_problems.clear()  # what the engine before has left undone is of no use to this one
+            tally.fit_problems.clear()  # failed fits of the earlier engine say nothing about this one
             log.info("reloaded", extra=ANSWER)
             self._service.go_on_with(engine)
 

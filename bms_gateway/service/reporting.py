@@ -1,6 +1,6 @@
-"""Puts together what runs beside the gateway: alerts always, metrics and MQTT where the config wants them.
+"""Sets up what runs beside the gateway: alerts always, metrics and MQTT if the config has them.
 
-What the config does not want is not even imported.
+What the config does not have is not imported.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engine]") -> Watch:
-    """Add to a gateway, before it runs, what its config asks for.
+    """Add the parts in its config to a gateway before it runs.
 
     Parameters
     ----------
     gateway : Gateway
     loaded : LoadedConfig
     engine : callable
-        Gives the engine of now.
+        Returns the present engine.
 
     Returns
     -------
@@ -59,23 +59,23 @@ def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engi
         )
         watch.listeners.append(publisher.on_change)
         gateway.beside["mqtt"] = publisher.run
-        more.append(publisher.families)
+        more.append(publisher.broker.families)
     return watch
 
 
 def same_beside(running: "GatewayConfig", wanted: "GatewayConfig", where: object) -> None:
-    """Check that a config that is about to be taken wants the same beside the gateway as the running one.
+    """Check that a new config has the same parts beside the gateway as the running one.
 
     Parameters
     ----------
     running, wanted : GatewayConfig
     where : object
-        Path of the file, as the line names it.
+        Path of the file, for the error line.
 
     Raises
     ------
     ConfigError
-        It needs a restart.
+        The change needs a restart.
     """
     for section in ("metrics", "alerts", "mqtt", "store"):
         if getattr(wanted, section) != getattr(running, section):

@@ -1,7 +1,7 @@
-"""A config read again in a process of its own: whatever is in its files, the service goes on as before.
+"""A config read again in a process of its own, so that no content of its files can disturb the service.
 
-What takes too long or too much memory, or brings down whoever reads it, does so to the child. The loop goes on
-meanwhile; it gets an engine ready made, and only has to carry the state over.
+A file that takes too long or too much memory, or crashes its reader, does so in the child. Meanwhile the loop
+continues; it gets a complete engine, and only has to transfer the state.
 """
 
 import asyncio
@@ -23,28 +23,28 @@ if TYPE_CHECKING:
     from bms_gateway.config.schema import GatewayConfig
     from bms_gateway.engine import Engine
 
-CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.reread")  # nothing from where it happens to run
+CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.reread")  # independent of the working directory
 OTHER: Final = "another version of the program has been installed: restart the service"
 PATIENCE_S: Final = 25.0
-"""Of a child that a busy machine, or a file system that hangs, keeps from its work; systemd gives a reload 30 s."""
+"""Time limit for a child on a busy machine or a file system that hangs; systemd gives a reload 30 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reread:
-    """A sound config.
+    """A valid config.
 
     Attributes
     ----------
     config : GatewayConfig
     packed : bytes
-        Its engine, as it is made.
+        Its engine, pickled.
     """
 
     config: "GatewayConfig"
     packed: bytes
 
     def engine(self) -> "Engine":
-        """Give the engine; a fresh one each time."""
+        """Return the engine, a new one each time."""
         try:
             made: Engine = pickle.loads(self.packed)  # noqa: S301 (written by our own child)
         except (AttributeError, ImportError, TypeError, ValueError, pickle.UnpicklingError) as e:
@@ -66,7 +66,7 @@ async def reread(path: Path) -> Reread:
     Raises
     ------
     ConfigError
-        As `load_config`; or the child did not come to an end, or to a bad one.
+        As for `load_config`; or the child did not end, or crashed.
     """
     try:
         # a group of its own: an interrupt from the keyboard is for the service, which then ends its child
@@ -82,7 +82,7 @@ async def reread(path: Path) -> Reread:
         if child.returncode is None:
             with suppress(ProcessLookupError):
                 child.kill()
-            await child.communicate()  # until it is gone, with its pipe
+            await child.communicate()  # until it has ended, with its pipe
     if child.returncode:
         how = signal_name(-child.returncode) if child.returncode < 0 else f"status {child.returncode}"
         raise ConfigError(f"{path}: the process that read it ended with {how}")
@@ -99,7 +99,7 @@ async def reread(path: Path) -> Reread:
 
 
 def read_for_parent(path: Path, out: BinaryIO) -> None:
-    """Read a config and write what came of it, a `Reread` or the line that says why not: what the child does."""
+    """Read a config and write the result, a `Reread` or the error line: the work of the child."""
     from bms_gateway.config.load import load_config
 
     found: Reread | str
@@ -115,6 +115,6 @@ if __name__ == "__main__":
     from bms_gateway.service import reread as itself  # pickle must find its classes under their own name
 
     first_to_go()
-    logging.disable()  # what a DBC parser tells beside is told by `check`
+    logging.disable()  # `check` shows what a DBC parser logs
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     itself.read_for_parent(Path(sys.argv[1]), sys.stdout.buffer)

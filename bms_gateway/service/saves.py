@@ -1,4 +1,4 @@
-"""The state is saved beside the event loop: a disk that does not answer holds up nothing but itself."""
+"""The state is saved beside the event loop, so that a disk that does not answer delays nothing else."""
 
 import asyncio
 import logging
@@ -7,7 +7,7 @@ from functools import partial
 
 from bms_gateway.errors import GatewayError
 from bms_gateway.service.tally import Tally
-from bms_gateway.service.worker import Worker
+from bms_gateway.service.task_thread import Worker
 
 log = logging.getLogger(__name__)
 
@@ -20,11 +20,11 @@ class Saves:
     Parameters
     ----------
     save : callable
-        Gets a snapshot. What it raises as `GatewayError` or `OSError` is told and does no harm.
+        Gets a snapshot. A `GatewayError` or `OSError` from it is reported and has no other effect.
     snapshot : callable
-        Gives the present one.
+        Returns the present snapshot.
     tally : Tally
-        Counts them.
+        Counts the saves.
     """
 
     def __init__(self, save: Callable[[State], None], snapshot: Callable[[], State], tally: Tally) -> None:
@@ -34,9 +34,9 @@ class Saves:
         self._taken_s = 0.0
 
     def begin(self) -> None:
-        """Begin to save the state of now; to be called in the event loop."""
+        """Begin to save the present state; to be called in the event loop."""
         now_s = asyncio.get_running_loop().time()
-        if self._going is not None and not self._going.done():  # no second one behind a disk that does not answer
+        if self._going is not None and not self._going.done():  # only one save at a time: the disk may not answer
             self._failed(f"the disk has not answered for {now_s - self._taken_s:.0f} s")
             return
         self._taken_s = now_s
@@ -44,7 +44,7 @@ class Saves:
         self._going.add_done_callback(partial(self._ended, self._taken_s))
 
     async def last(self, most_s: float) -> None:
-        """Save the state at the end; after `most_s` seconds the end waits no longer."""
+        """Save the state at the end; wait for it `most_s` seconds at most."""
         try:
             await asyncio.wait_for(self._worker.submit(partial(self._save, self._snapshot())), most_s)
         except TimeoutError:

@@ -1,9 +1,9 @@
-"""Signals that are heard whatever the event loop does, and a limit for the time that ending may take.
+"""Signals that are received in any state of the event loop, and a limit for the time of ending.
 
-An event loop hears of a signal only between two of its steps, and Python's own handlers run in the main thread only:
-where that hangs (in a system call, in a bug) a service could be stopped by nothing but SIGKILL. So a thread reads the
-numbers of the signals, which the interpreter writes to a descriptor at once, hands them to the loop, and looks at the
-clock from the first that asks for the end.
+An event loop gets a signal only between two of its steps, and Python's own handlers run in the main thread only. If
+this thread hangs (in a system call, by a bug), only SIGKILL could stop the service. So a separate thread reads the
+signal numbers, which the interpreter writes to a descriptor at once, passes them to the loop, and measures the time
+from the first signal that requests the end.
 """
 
 import asyncio
@@ -22,20 +22,21 @@ from typing import Final
 log = logging.getLogger(__name__)
 
 ENDING: Final = frozenset({signal.SIGTERM, signal.SIGINT})
-POKE: Final = signal.SIGURG  # that nothing else sends: ignored unless a program asks for it
+POKE: Final = signal.SIGURG  # no program sends it otherwise: ignored unless requested
 CLOSED: Final = b"\0"  # no signal has this number
-LAST_WORD_S: Final = 0.2  # a journal that hangs, too, gets so long
+LAST_WORD_S: Final = 0.2  # time for the last line, if the journal hangs too
 
 
 @dataclass(frozen=True, slots=True)
-class _End:
-    """The end of the process, if it is not gone by itself until then."""
+class End:
+    """Time after which the process ends itself if it has not ended by then."""
 
     at_s: float
     after_s: float
     status: int
 
     def now(self) -> None:
+        """End the process, with a last line in the log."""
         text = "%g s after it was told to stop the service still hangs: it is killed"
         word = threading.Thread(target=log.critical, args=(text, self.after_s), daemon=True)
         word.start()
@@ -49,9 +50,9 @@ class Signals:
     Parameters
     ----------
     most_s : float, optional
-        The process is ended, with status 1, when so long after SIGTERM or SIGINT it is still there.
+        The process is ended, with status 1, if it still runs this time after SIGTERM or SIGINT.
     interrupt_s : float, optional
-        The same after SIGINT, with status 130: a person at a terminal waits less long. Default: `most_s`.
+        The same after SIGINT, with status 130: a shorter time for a person at a terminal. Default: `most_s`.
     """
 
     def __init__(self, most_s: float | None = None, interrupt_s: float | None = None) -> None:
@@ -65,11 +66,12 @@ class Signals:
         self._close: Callable[[], None] | None = None
 
     def listen(self) -> None:
-        """Look at the clock from the first signal that asks for the end, until `take`; its handler runs as before.
+        """Measure the time from the first signal that requests the end, until `take`; its own handler still runs.
 
-        To be called in the main thread, which must have handlers of its own for these signals. The kernel gives a
-        signal to the main thread if it can, even where this thread waits for a disk and hears nothing. So it is shut
-        there, comes to ours, and the main thread is told by another one, whose only effect is that a wait is ended.
+        To be called in the main thread, which must have its own handlers for these signals. The kernel gives a signal
+        to the main thread if possible, even while this thread waits for a disk and does not react. So the signal is
+        blocked there and comes to our thread, which sends the main thread another one whose only effect is to end a
+        wait.
         """
         self._open()
         before = signal.signal(POKE, _nothing)
@@ -104,7 +106,7 @@ class Signals:
         self._close = close
 
     def take(self, loop: asyncio.AbstractEventLoop, actions: Mapping[int, Callable[[], object]]) -> None:
-        """Have an action run in the loop on each of some signals; to be called once, in the main thread."""
+        """Run an action in the loop on each of some signals; to be called once, in the main thread."""
         if self._close is None:
             self._open()
         self._started()
@@ -112,7 +114,7 @@ class Signals:
         self._before = {number: signal.signal(number, _nothing) for number in actions}
 
     def drop(self) -> None:
-        """Run no action any more: the signals are heard, and do nothing but what `most_s` says."""
+        """Run no action from now on: a signal only starts the time `most_s`."""
         self._actions = {}
 
     def close(self) -> None:
@@ -122,7 +124,7 @@ class Signals:
         self._close = None
 
     def _listen(self, ours: socket.socket) -> None:
-        end: _End | None = None
+        end: End | None = None
         while True:
             ours.settimeout(None if end is None else max(1e-3, end.at_s - time.monotonic()))
             try:
@@ -136,7 +138,7 @@ class Signals:
             number = got[0]
             most_s, status = (self._interrupt_s, 130) if number == signal.SIGINT else (self._most_s, 1)
             if number in ENDING and end is None and most_s is not None:
-                end = _End(time.monotonic() + most_s, most_s, status)
+                end = End(time.monotonic() + most_s, most_s, status)
             if number != POKE:
                 self._poke()
             if self._loop is not None and (action := self._actions.get(number)) is not None:
@@ -145,7 +147,7 @@ class Signals:
 
 
 def signal_name(number: int) -> str:
-    """Name a signal; those for real time have none.
+    """Name a signal; real-time signals have no name.
 
     Examples
     --------
@@ -159,4 +161,4 @@ def signal_name(number: int) -> str:
 
 
 def _nothing(*_: object) -> None:
-    """Handle a signal: the interpreter has written its number where `Signals` reads it."""
+    """Handle a signal by doing nothing: the interpreter has written its number to the descriptor of `Signals`."""

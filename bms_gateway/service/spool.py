@@ -57,7 +57,7 @@ class Spool:
         self.dropped: dict[Kind, int] = dict.fromkeys(KINDS, 0)
 
     def put(self, kind: Kind, message: Message) -> None:
-        """Add a message; the oldest of its kind give way."""
+        """Add a message; if there are too many of its kind, the oldest are dropped."""
         with self._lock:
             queue = self._queues[kind]
             queue.append(message)
@@ -67,12 +67,12 @@ class Spool:
                 self.dropped[kind] += 1
 
     def head(self) -> tuple[Kind, Message] | None:
-        """Give the next to send: alerts before estimates, old before new; it stays until `sent`."""
+        """Return the next message: alerts before estimates, old before new; it stays until `sent`."""
         with self._lock:
             return next(((kind, queue[0]) for kind, queue in self._queues.items() if queue), None)
 
     def sent(self, kind: Kind, message: Message) -> None:
-        """Take out a message that was given by `head`; while it was being sent it may have given way already."""
+        """Remove a message that `head` has returned; it may have been dropped while it was sent."""
         with self._lock:
             queue = self._queues[kind]
             if queue and queue[0] is message:

@@ -12,7 +12,7 @@ from bms_gateway.thermal.centre import hottest_of
 
 
 def status(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> str:
-    """Give the state and the hottest point.
+    """Return the state and the hottest point.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def status(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> str:
 
 
 def estimates(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> dict[str, Any]:
-    """Give what is known of each string; what is not known is None."""
+    """Return the present results of each string; unknown values are None."""
     return {
         "state": watch.alerts.severity.name,
         "bus": gateway.port.link.value,
@@ -61,7 +61,7 @@ def _of_string(s: WatchedString) -> dict[str, Any]:
 
 
 def _ahead(f: Forecast | None) -> dict[str, Any] | None:
-    """Tell what comes next at the load of now; None where nothing is known."""
+    """Return the forecast at the present load; None if nothing is known."""
     if f is None or (k := f.hottest) is None:
         return None
     first = f.first

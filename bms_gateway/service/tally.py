@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 LATENESS_S: Final = (0.005, 0.01, 0.02, 0.05, 0.1, 0.5, 1.0, 5.0)
-"""Bounds of the histogram of lateness: from what is always met (settling, a drain) to what a watchdog ends."""
+"""Bounds of the histogram of lateness: from the usual delay (settling, a drain) to that at which a watchdog acts."""
 
 
 @dataclass(slots=True)
@@ -50,38 +50,38 @@ class Tally:
     lateness: Histogram = field(default_factory=lambda: Histogram(LATENESS_S))
     """From the end of a tick in bus time to the moment at which its output leaves the engine, s."""
     wakes: int = 0
-    """Pauses of the bus that are over."""
+    """Number of ended pauses of the bus."""
     notices: dict[str, int] = field(default_factory=dict)
-    """By code."""
+    """Notices by code."""
     jobs: int = 0
     jobs_late: int = 0
     """Results that came after their time."""
     jobs_failed: int = 0
-    """Tries that came to nothing: hung and killed, died, or not even started."""
+    """Attempts without a result: hung and killed, crashed, or not started."""
     fit_problems: dict[int, str] = field(default_factory=dict)
-    """Why the latest try came to nothing, of each job that still waits for another."""
+    """Why the latest attempt failed, for each job that still waits for another one."""
     saves: int = 0
     saves_failed: int = 0
     save_problem: str = ""
-    """Why the latest attempt to save the state failed; empty when it did not."""
+    """Why the latest attempt to save the state failed; empty if it succeeded."""
     saved_s: float | None = None
-    """When the newest snapshot on disk was taken, by `time.monotonic`; of the start while there is none since, and None
-    where no state is kept."""
+    """Time of the newest snapshot on disk, by `time.monotonic`; that of the start if there is none since, and None
+    without a stored state."""
     reloads: int = 0
     reloads_refused: int = 0
     failed_parts: dict[str, str] = field(default_factory=dict)
-    """What ran beside the gateway and has ended by a bug of its own, with the reason."""
+    """Parts of the service that have ended with an unexpected exception, each with the reason."""
     _told_ns: int = 0
 
     def told(self, end_ns: int, now_ns: int) -> None:
-        """Count a tick with its lateness, once, however many outputs it has.
+        """Count a tick with its lateness, once, for any number of its outputs.
 
         Parameters
         ----------
         end_ns : int
-            End of the tick, of which an output has just left the engine.
+            End of the tick, one of whose outputs has just left the engine.
         now_ns : int
-            Now, of the same clock.
+            Present bus time.
         """
         if end_ns > self._told_ns:
             self._told_ns = end_ns

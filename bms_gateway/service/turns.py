@@ -1,31 +1,31 @@
-"""When the loop of the service looks at its port: after the first frame, while frames come, and at each deadline.
+"""When the loop of the service reads its port: after the first frame, while frames come, and at each deadline.
 
-Asleep until the first frame comes (or, on ports that cannot be waited for, polling); then frames gather, as long as the
-port has room for, and the port is drained, while traffic flows. A full bus costs some ten wake-ups a second, a silent
-one none. One timer serves the engine's next deadline: it drains the port too, and the last drain before it comes
-shortly before it, so that how long frames gather adds nothing to the time from a deadline to what is sent for it.
+The loop sleeps until the first frame comes (or polls, for ports that cannot be waited for). Then frames gather as long
+as the port has room for, and the port is drained, while traffic flows. A full bus costs some ten wake-ups a second, a
+silent one none. One timer serves the engine's next deadline and drains the port too. The last drain before it comes
+shortly before the deadline, so that the gathering does not delay the output of the deadline.
 """
 
 import asyncio
 from typing import Final, Protocol
 
 from bms_gateway.bus.port import Port
-from bms_gateway.service.engine import LiveEngine
+from bms_gateway.service.engine_protocol import LiveEngine
 
-DRAIN_S: Final = 0.01  # what is read at a deadline gathered no longer; nor do others beside the first after a silence
+DRAIN_S: Final = 0.01  # time from the last drain to a deadline, and of gathering after a silence
 SETTLE_NS: Final = 2_000_000  # from the kernel's stamp to the socket it takes some µs, on a loaded machine up to 1 ms
-ROUNDING_S: Final = 0.0002  # two clocks are in play: rather a little later than once too early
+ROUNDING_S: Final = 0.0002  # two clocks are used: a little late is better than too early
 
 
 def pause(gather_s: float, left_s: float | None) -> float:
-    """How long frames gather from now, s.
+    """Time for which frames gather from now, s.
 
     Parameters
     ----------
     gather_s : float
-        As long as the port has room for.
+        Time for which the port has room.
     left_s : float or None
-        Until the next deadline: a drain falls `DRAIN_S` before it, if that is sooner.
+        Time until the next deadline: a drain comes `DRAIN_S` before it, if that is sooner.
 
     Examples
     --------
@@ -36,18 +36,18 @@ def pause(gather_s: float, left_s: float | None) -> float:
 
 
 class Service(Protocol):
-    """What the turns must know of the service that they belong to."""
+    """What the turns need of the service."""
 
     engine: LiveEngine
     port: Port
 
     @property
     def stopping(self) -> bool:
-        """Whether nothing new is begun any more."""
+        """Whether the service is ending, so that nothing new begins."""
         ...
 
     def step(self) -> int:
-        """Drain the port once and do what is due; returns the number of frames."""
+        """Drain the port once and do what is due; return the number of frames."""
         ...
 
 
@@ -57,7 +57,7 @@ class Turns:
     Parameters
     ----------
     service : Service
-        Its engine may be another one after a reload.
+        A reload may replace its engine.
     """
 
     def __init__(self, service: Service) -> None:
@@ -101,19 +101,19 @@ class Turns:
             self._timer = asyncio.get_running_loop().call_later(wait_s + ROUNDING_S, self._on_deadline)
 
     def move(self) -> bool:
-        """Whether the port was drained since this was asked last, or its first frame is waited for."""
+        """Return whether the port was drained since the last call, or the service waits for a first frame."""
         drained, self._drained = self._drained, False
         return drained or self._asleep
 
     def end(self) -> None:
-        """Wait for nothing any more."""
+        """Stop waiting."""
         if self._asleep:
             asyncio.get_running_loop().remove_reader(self._service.port.fileno())
         if self._timer is not None:
             self._timer.cancel()
 
     def _on_readable(self) -> None:
-        """First frame after a pause: let some gather."""
+        """Let some frames gather after the first one."""
         loop = asyncio.get_running_loop()
         loop.remove_reader(self._service.port.fileno())
         self._asleep = False

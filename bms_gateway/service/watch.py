@@ -1,7 +1,7 @@
-"""Reports alerts, and once a second finds those that only a running service can know: bus, frames, fits, state.
+"""Reports alerts, and checks once a second for those that only a running service can know: bus, frames, fits, state.
 
-Alerts of sensors and strings belong to the engine (`engine.alerting`), which reports them at its ticks; a log gives the
-same ones.
+Alerts of sensors and strings belong to the engine (`engine.alerting`), which reports them at its ticks, the same ones
+for a log.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from bms_gateway.service.live import Gateway
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 1.0
-EVENT_S: Final = 60.0  # how long something that happens in a moment, such as a loss of frames, stays an alert
+EVENT_S: Final = 60.0  # time for which a momentary event, such as a loss of frames, stays an alert
 OLD_S: Final = 150.0  # a save is made every minute: two were left out
 
 BUS: Final = {
@@ -38,7 +38,7 @@ BUS: Final = {
 
 
 class WatchedPlan(Protocol):
-    """What is looked at of a string's plan."""
+    """What is needed of a string's plan."""
 
     @property
     def name(self) -> str:
@@ -47,7 +47,7 @@ class WatchedPlan(Protocol):
 
 
 class WatchedString(Protocol):
-    """What is looked at of a string; `engine.string_estimator.StringEstimator` has it."""
+    """What is needed of a string; `engine.string_estimator.StringEstimator` has it."""
 
     @property
     def plan(self) -> WatchedPlan:
@@ -91,19 +91,19 @@ class WatchedString(Protocol):
 
     @property
     def forecast(self) -> Forecast | None:
-        """What comes next; None before anything is known."""
+        """The forecast; None before anything is known."""
         ...
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the cores, a sentence each."""
+        """Reasons against the cores, a sentence each."""
         ...
 
     health: StringHealth
 
 
 class WatchedEngine(Protocol):
-    """What is looked at of the engine."""
+    """What is needed of the engine."""
 
     def next_deadline(self) -> int | None:
         """Bus time of the next tick; None while the bus sleeps."""
@@ -132,7 +132,7 @@ class Watch:
     ----------
     gateway : Gateway
     engine : callable
-        Gives the engine of now: a reload brings another one.
+        Returns the present engine: a reload replaces it.
     channel : str
         Name of the bus, for sentences.
     settings : AlertSettings, optional
@@ -140,9 +140,11 @@ class Watch:
     Attributes
     ----------
     alerts : Alerts
-        The service's own; those that are raised by the engine count in its line and severity.
+        The service's own alerts; its line and severity include those of the engine.
     listeners : list of callable
-        Told of every change.
+        Called with every change.
+    asleep_s : float
+        Time for which the computer had slept since its start, at the last check.
     """
 
     def __init__(
@@ -162,10 +164,10 @@ class Watch:
         self.listeners: list[Callable[[Change], None]] = []
         self._lost, self._impostors = _Recent(), _Recent()
         self._wakes, self._link = 0, Link.UP
-        self._asleep_s = _asleep_s()
+        self.asleep_s = slept_s()
 
     async def run(self) -> None:
-        """Look once a second until cancelled."""
+        """Check once a second until cancelled."""
         self.alerts.begin(time.monotonic())
         while True:
             self.look(time.monotonic())
@@ -173,11 +175,11 @@ class Watch:
 
     def look(self, now_s: float) -> None:
         """Determine what is wrong now and report what has changed."""
-        link, wakes, asleep_s = self.gateway.port.link, self.gateway.tally.wakes, _asleep_s()
+        link, wakes, asleep_s = self.gateway.port.link, self.gateway.tally.wakes, slept_s()
         back = link is Link.UP and self._link is not Link.UP
-        if back or wakes != self._wakes or asleep_s - self._asleep_s > PERIOD_S:
+        if back or wakes != self._wakes or asleep_s - self.asleep_s > PERIOD_S:
             self.alerts.begin(now_s)
-        self._link, self._wakes, self._asleep_s = link, wakes, asleep_s
+        self._link, self._wakes, self.asleep_s = link, wakes, asleep_s
         for change in self.alerts.update(now_s, list(self.conditions(now_s))):
             self._tell(change)
 
@@ -192,7 +194,7 @@ class Watch:
         yield from self._kept(now_s)
 
     def _kept(self, now_s: float) -> Iterator[Condition]:
-        """Find faults of learning: fits that are not made, and a state on disk that is older than some minutes."""
+        """Yield faults of learning: fits without a result, and a state on disk that is older than some minutes."""
         tally = self.gateway.tally
         if why := next(iter(tally.fit_problems.values()), ""):
             others = f" ({len(tally.fit_problems)} fits wait)" if len(tally.fit_problems) > 1 else ""
@@ -232,14 +234,14 @@ class Watch:
 
 @dataclass(slots=True)
 class _Recent:
-    """What has been added to a counter lately, without a pause of `EVENT_S`."""
+    """Increase of a counter in the latest run of events, which ends after a pause of `EVENT_S`."""
 
     count: int = 0
     added: int = 0
     last_s: float = float("-inf")
 
     def update(self, count: int, now_s: float) -> int:
-        """Take the counter; 0 when it has stood still for `EVENT_S`."""
+        """Update from the counter; return 0 if it has not changed for `EVENT_S`."""
         if now_s - self.last_s >= EVENT_S:
             self.added = 0
         if count != self.count:
@@ -247,6 +249,6 @@ class _Recent:
         return self.added
 
 
-def _asleep_s() -> float:
-    """How long the computer has been suspended since its boot, s."""
+def slept_s() -> float:
+    """Time for which the computer has been suspended since its boot, s."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)

@@ -94,8 +94,16 @@ def sign_by_charge(charge: list[Scored], current: Scored, edges: NDArray[np.floa
     both = np.isfinite(soc)
     if both.sum() < 30 or np.ptp(soc[both]) < SWING or np.ptp(drawn[both]) == 0.0:
         return None
-    r = float(np.corrcoef(soc[both], drawn[both])[0, 1])
-    return -float(np.sign(r)) if abs(r) > FOLLOWS else None
+    t = edges[:-1][both]
+    r = [float(np.corrcoef(a, b)[0, 1]) for a, b in ((soc[both], drawn[both]), (soc[both], t), (drawn[both], t))]
+    if abs(r[0]) > FOLLOWS and not abs(r[2]) > FOLLOWS:
+        return -float(np.sign(r[0]))
+    # beside an offset of the current, which goes with time: what of both does not go with time
+    rest, beside = (x - np.polyval(np.polyfit(t, x, 1), t) for x in (soc[both], drawn[both]))
+    if not rest.std() or not beside.std():
+        return None
+    partial = float(np.corrcoef(rest, beside)[0, 1])
+    return -float(np.sign(partial)) if abs(partial) > FOLLOWS else None
 
 
 def _scale(s: Series, unit: Unit | None) -> tuple[float | None, str | None]:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from bms_gateway.records.current_witness import ALTERNATES, alternates
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import (
@@ -42,6 +43,8 @@ FINE_STEPS: Final = 8
 FEW: Final = 6
 BOTH_SIGNS: Final = 0.02
 """Least ratio of the two extremes of a current that has both signs."""
+ALTERNATING: Final = 4.0
+"""Score taken from a current that alternates from sample to sample."""
 SAME_MESSAGE: Final = 2.0
 """Score added to a current and a voltage of one message: its sender measures both at one place."""
 
@@ -179,6 +182,9 @@ def currents(series: list[Series]) -> list[Scored]:
         if has(its, OTHER_THINGS):
             score -= 1.5
         values = factor * s.x
+        if alternates(s.t, values):
+            score -= ALTERNATING
+            why.append(ALTERNATES)
         if s.constant:
             score -= 3.0
             why.append(f"stands at {values[0]:g} A in this log")

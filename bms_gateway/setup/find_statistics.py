@@ -7,7 +7,7 @@ from bms_gateway.frames.own_dbc import MAX_CELLS
 from bms_gateway.setup.find_temperatures import Surfaces
 from bms_gateway.setup.proposal import Proposal, Proposed
 
-WORSE: Final = "a comment in gateway.toml: beside the greatest it makes the hottest core worse"
+ENOUGH: Final = "a comment in gateway.toml: for the hottest core the greatest is enough"
 
 
 def of_several(proposal: Proposal, warm: Surfaces) -> list[Proposed]:
@@ -39,7 +39,7 @@ def of_several(proposal: Proposal, warm: Surfaces) -> list[Proposed]:
             series=s,
             statistic=kind,
             sure=warm.said and not s.constant,
-            why=[f"the {kind} beside {first.path}", *([WORSE] if warm.statistic == "max" else [])],
+            why=[f"the {kind} beside {first.path}", *([ENOUGH] if warm.statistic == "max" else [])],
             overrides={},
         )
         for kind, s in warm.beside.items()

@@ -54,6 +54,8 @@ FAR_APART_K: Final = 12.0
 """Greatest change of the difference of two cells of a pack that returns to its usual value later."""
 AGREES_K: Final = 15.0
 """Greatest difference of two temperatures of one vehicle at the beginning of a log."""
+ALONE: Final = tuple(w for w in SENSED if w != "tc")
+"""Words of cells that say so where they stand alone: TC1 … TC8 are thermocouples, TC may be that of a card."""
 
 
 @dataclass(slots=True)
@@ -209,11 +211,13 @@ def surfaces(series: list[Series]) -> Surfaces | None:
 
 def _says_more(temperatures: list[Series], single: Series) -> bool:
     """Whether the bus has the greatest or the mean temperature of the cells beside a single one of the battery."""
+    abbreviated = not has(named(single.info), PACK, ALONE)
     for s in temperatures:
-        of_cells = has(named(s.info), PACK, SENSED) and statistic(s.info) in ("max", "mean") and lives(s)
-        if (
-            of_cells and not s.constant and abs(_usual_C(s) - _usual_C(single)) < FAR_APART_K
-        ):  # no limit, no other thing
+        if statistic(s.info) not in ("max", "mean") or not lives(s) or s.constant:
+            continue
+        if abbreviated or (  # no limit, no other thing
+            has(named(s.info), PACK, SENSED) and abs(_usual_C(s) - _usual_C(single)) < FAR_APART_K
+        ):
             return True
     return False
 
@@ -306,8 +310,8 @@ def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces |
         mine, its = named(s.info), around(s.info)
         if not lives(s) or has(mine, AMBIENT) or not (kind or has(mine, PACK, SENSED)):
             continue
-        score = {"max": 3.0, "mean": 2.5, "min": 1.0, None: 2.0}[kind] + 2.0 * has(mine, PACK, SENSED)
-        score += has(its, PACK, SENSED) - 3.0 * has(mine, OTHER_THINGS) + 1.0 * (s.info.mux == ())
+        score = {"max": 3.0, "mean": 2.5, "min": 1.0, None: 2.0}[kind] + 2.0 * has(mine, PACK, ALONE)
+        score += has(its, PACK, ALONE) - 3.0 * has(mine, OTHER_THINGS) + 1.0 * (s.info.mux == ())
         ranked.append((float(score), s))
     if not ranked:
         return None

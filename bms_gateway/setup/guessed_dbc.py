@@ -36,7 +36,7 @@ def guessed_dbc(guesses: Sequence[Guess], length: dict[int, int]) -> str:
     first_group = next((g for g in guesses if g.role == "surface"), None)
     for g in guesses:
         if g.role == "surface" and g is not first_group:
-            continue  # another group would be more cells of the same pack to whoever reads the file
+            continue  # whoever reads the file would take another group for more cells of the same pack
         for f in sorted((g.field, *g.beside), key=lambda f: (f.page or 0, f.place.first_bit)):
             if any(f.overlaps(other) for other in taken) or (f.page is None and _has_pages(f, taken)):
                 continue

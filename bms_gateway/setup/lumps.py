@@ -5,6 +5,7 @@ mean of the module's cells. The config names one signal for it: the sum of the m
 cell whose voltage is the nearest to their mean all the time.
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,28 @@ from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import NOT_MEASURED, OTHER_THINGS, STATISTIC, VOLTAGE, has, named, unit_of
 
 NOT_KNOWN: Final = "which thermocouple sits on which of these cells is not known: not written into the config"
+
+
+@dataclass(frozen=True, slots=True)
+class _Modules:
+    """Voltages that are those of whole modules.
+
+    Attributes
+    ----------
+    voltages : list of Member
+        One a module.
+    factor : float
+        From the signal's unit to V.
+    count : int
+        Cells in series of each.
+    cell_V : float
+        Of one cell, as it usually is.
+    """
+
+    voltages: list[Member]
+    factor: float
+    count: int
+    cell_V: float
 
 
 def place_lumps(
@@ -59,8 +82,11 @@ def place_lumps(
                 f"by the names one of the {len(of_module)} cells of the module of {place.path}, and the nearest to "
                 "their mean"
             )
-    if not modules:
-        _whole_modules(proposal, mine, by_path, series)
+    if modules:
+        return
+    whole = _whole_modules(proposal, len(mine), series)
+    if whole is not None:
+        _take(proposal, [by_path[m.series.path] for m in mine], whole)
 
 
 def _by_module(thermocouples: list[Member], cells: list[Member]) -> list[tuple[Member, list[Member]]]:
@@ -89,10 +115,8 @@ def _nearest_to_mean(of_module: list[Series], edges: NDArray[np.float64]) -> Ser
     return of_module[int(np.median(np.abs(rows - rows.mean(axis=0)), axis=1).argmin())]
 
 
-def _whole_modules(
-    proposal: Proposal, thermocouples: list[Member], by_path: dict[str, Proposed], series: list[Series]
-) -> None:
-    """Take the voltages of whole modules, as many as thermocouples, which add up to the pack's."""
+def _whole_modules(proposal: Proposal, thermocouples: int, series: list[Series]) -> _Modules | None:
+    """Find the voltages of whole modules, as many as thermocouples, which add up to the pack's."""
     pack = next((p.factor * while_on(p.series) for p in proposal.of("voltage") if p.string is None), None)
     used = {p.path for p in proposal.signals}
     voltages = [s for s in series if s.path not in used and _may_be_voltage(s)]
@@ -100,37 +124,30 @@ def _whole_modules(
         middles = np.array([while_on(m.series) for m in group])
         unit = unit_of(group[0].series.info.unit)
         for factor in (unit.factor,) if unit is not None else (1.0, 0.1, 1e-2, 1e-3):
-            if len(group) != len(thermocouples) or abs(factor * middles.sum() / pack - 1) > ADDS_UP:
+            if len(group) != thermocouples or abs(factor * middles.sum() / pack - 1) > ADDS_UP:
                 continue
             each = factor * float(np.median(middles))
             count = round(each / (extreme_cell_V(series) or NOMINAL_V))
             if count < 2 or not CELL_V[0] < each / count < CELL_V[1]:
                 continue
-            _take(proposal, thermocouples, by_path, group, factor, count, each / count)
-            return
+            return _Modules(group, factor, count, each / count)
+    return None
 
 
-def _take(
-    proposal: Proposal,
-    thermocouples: list[Member],
-    by_path: dict[str, Proposed],
-    group: list[Member],
-    factor: float,
-    count: int,
-    each: float,
-) -> None:
-    for thermocouple, m in zip(thermocouples, group, strict=True):
-        place = by_path[thermocouple.series.path]
+def _take(proposal: Proposal, places: list[Proposed], whole: _Modules) -> None:
+    """Give the cell of each thermocouple its share of its module's voltage."""
+    modules, count = len(whole.voltages), whole.count
+    for place, m in zip(places, whole.voltages, strict=True):
         why = [
-            f"one of {len(group)} voltages that add up to the pack's, as many as thermocouples: of {count} cells in "
-            f"series each, by {each:.3g} V of a cell, so a {count}th of it is that of a cell",
+            f"one of {modules} voltages that add up to the pack's, as many as thermocouples: of {count} cells in "
+            f"series each, by {whole.cell_V:.3g} V of a cell, so a {count}th of it is that of a cell",
         ]
         proposal.signals.append(
-            Proposed("cell_voltage", m.series, factor / count, 0.0, place.string, place.index, why=why)
+            Proposed("cell_voltage", m.series, whole.factor / count, 0.0, place.string, place.index, why=why)
         )
-    cells = count * len(group)
+    cells = count * modules
     if proposal.series_cells != cells:
-        proposal.remarks.append(f"the voltages of {len(group)} modules make {cells} cells in series likelier")
+        proposal.remarks.append(f"the voltages of {modules} modules make {cells} cells in series likelier")
         proposal.series_cells = cells
 
 

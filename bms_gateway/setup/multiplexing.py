@@ -14,7 +14,7 @@ from bms_gateway.thermal import Floats
 
 FEWEST: Final = 20
 ROUNDS: Final = 3
-"""Frames for each value of a selector from which on a value that never comes is told."""
+"""Frames per value of a selector from which a value that never comes is reported."""
 MOST_PAGES: Final = 64
 OF_A_PAGE: Final = 8
 """Least frames of each value of a byte that may select."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bms_gateway.engine.events import Estimated
+from bms_gateway.engine.events import Estimated, Parameters
 from bms_gateway.report.hottest import Hottest, hotter, hottest_core
 from bms_gateway.thermal import Floats
 from bms_gateway.whole import whole
@@ -28,6 +28,8 @@ class Cores:
         The last tick at which a core was known; where none ever was, the last one.
     unknown_s : float
         Time from there to the end, in which no core was known.
+    fitted_ns : list of int
+        Times at which a fit of the drive so far gave new parameters: the estimates step there.
     """
 
     last: Estimated | None = None
@@ -35,6 +37,12 @@ class Cores:
     hottest: Hottest | None = None
     time_ns: list[int] = field(default_factory=list)
     rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+    fitted_ns: list[int] = field(default_factory=list)
+
+    def learn(self, p: Parameters) -> None:
+        """Take new parameters; those that are told before the first estimate are the ones of the file."""
+        if self.time_ns and p.time_ns > self.time_ns[0] and p.time_ns not in self.fitted_ns:
+            self.fitted_ns.append(p.time_ns)
 
     def take(self, e: Estimated) -> None:
         """Take one tick."""
@@ -58,7 +66,10 @@ class Cores:
 
 
 def draw(cores: Cores, path: Path) -> Path | None:
-    """Draw hottest core with its band and the range of the surfaces; None without the extra, or without estimates."""
+    """Draw hottest core with its band, the range of the surfaces and the times of fits.
+
+    None without the extra, or without estimates.
+    """
     if importlib.util.find_spec("matplotlib") is None or len(cores.rows) < 2:
         return None
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -74,6 +85,9 @@ def draw(cores: Cores, path: Path) -> Path | None:
         axes.fill_between(t, coolest, warmest, color="0.8", label="surfaces")
     axes.fill_between(t, core - 2 * sd, core + 2 * sd, color="tab:red", alpha=0.2, label="± 2 sd")
     axes.plot(t, core, color="tab:red", label="hottest core")
+    for k, fitted in enumerate(cores.fitted_ns):
+        label = None if k else "a fit gives new parameters"
+        axes.axvline((fitted - cores.time_ns[0]) * 1e-9, color="0.3", linestyle=":", linewidth=1, label=label)
     axes.set_xlabel("time, s")
     axes.set_ylabel("temperature, °C")
     axes.legend(loc="best")

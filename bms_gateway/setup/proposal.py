@@ -28,6 +28,8 @@ class Proposed:
         What the config has to say against the DBC: `minimum`, `maximum`, `byte_order`, `signed`.
     statistic : str or None
         `max`, `min`, `mean` where it is one of several cells; of all cells of its string if it has no index.
+    against : list of str
+        What other signals say against it.
     """
 
     role: Role
@@ -40,6 +42,7 @@ class Proposed:
     why: list[str] = field(default_factory=list)
     overrides: dict[str, float | str | bool] = field(default_factory=dict)
     statistic: str | None = None
+    against: list[str] = field(default_factory=list)
 
     @property
     def path(self) -> str:
@@ -77,7 +80,11 @@ class Proposal:
     series_cells : int or None
         Cells in series of the whole pack, where that can be told.
     resistance : float or None
-        Of the pack, Ω, by its voltage and current.
+        Of the pack, Ω, by the steps of its voltage and current.
+    heat_resistance : float or None
+        Of the pack, Ω, by which the current makes heat over the log, polarisation included.
+    against_cell : list of str
+        What the log says against the cell that was named.
     remarks : list of str
     refused : set of str
         Thermocouples that are not used, whose reason is in `unused`.
@@ -90,6 +97,8 @@ class Proposal:
     cells: list[int] = field(default_factory=list)
     series_cells: int | None = None
     resistance: float | None = None
+    heat_resistance: float | None = None
+    against_cell: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
     numbered: set[int] = field(default_factory=set)

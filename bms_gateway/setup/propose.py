@@ -34,6 +34,7 @@ from bms_gateway.setup.guessed_dbc import GUESS
 from bms_gateway.setup.intervals import edges_of
 from bms_gateway.setup.lumps import NOT_KNOWN, place_lumps
 from bms_gateway.setup.multiplexing import told_of_selectors
+from bms_gateway.setup.overlaps import leave_out_overlaps
 from bms_gateway.setup.own_traffic import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
 from bms_gateway.setup.readable import Rights, readable
@@ -41,6 +42,7 @@ from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import OTHER_THINGS, around, has, named, unit_of
 from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.vehicle_logs import Traffic
+from bms_gateway.setup.witnessed import hear_witnesses, measure_heat
 
 CLEAR: Final = 2.0
 """Least lead over the next candidate at which a choice is sure."""
@@ -75,13 +77,14 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
         `sure` only where name, unit and data agree and nothing else comes near.
     """
     proposal = Proposal(remarks=[*traffic.remarks, *told_of_selectors(traffic)])
+    edges = edges_of(traffic.frames.time_ns, 1.0 if traffic.seconds > LONG_S else 0.5, 1.0)
     if traffic.own:
         own_signals(traffic, proposal)
+        hear_witnesses(proposal, edges)
         return proposal
     series, rights, dead = readable(traffic, proposal)
     series = [s for s in series if s.path not in refused]
     proposal.unused += [(path, f"refused as {role}") for path, role in refused.items()]
-    edges = edges_of(traffic.frames.time_ns, 1.0 if traffic.seconds > LONG_S else 0.5, 1.0)
     cells, factor = cell_voltages(series)
     voltages = [v for v in pack_voltages(series, cells, factor) if fits("voltage", v.series.info)]
     candidates = [c for c in currents(series) if fits("current", c.series.info) and c.score > 0]
@@ -126,6 +129,9 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     if not own_inlets:
         _single(proposal, "coolant_inlet", inlet, rights)
     _single(proposal, "coolant_flow", flow, rights)
+    leave_out_overlaps(proposal, traffic)
+    hear_witnesses(proposal, edges)
+    measure_heat(proposal, edges)
     _ranges(proposal)
     _long_enough(proposal, traffic.seconds)
     _guesses(proposal)
@@ -220,7 +226,7 @@ def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
     if not strings:
         proposal.signals.append(p)
     for string in strings:
-        proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides)))
+        proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides), against=[]))
 
 
 def _current(

@@ -1,4 +1,4 @@
-"""The signals of a new vehicle that measure something, with their bits read as the data say."""
+"""Signals of a new vehicle that measure something; where the data contradict the DBC, bits are read as the data say."""
 
 from bms_gateway.setup.bit_contradictions import read_right
 from bms_gateway.setup.find_temperatures import is_temperature

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.config.load import load_config
-from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.engine import Engine, Estimated, Parameters, drive
 from bms_gateway.engine.reasons import REASONS
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.quality import Quality
@@ -88,7 +88,9 @@ def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use], bo
     engine = Engine(loaded.plan, loaded.database)
     cores, ticks = Cores(), 0
     for event in drive(engine, _pieces(traffic.frames)):
-        if isinstance(event, Estimated):
+        if isinstance(event, Parameters):
+            cores.learn(event)
+        elif isinstance(event, Estimated):
             cores.take(event)
             ticks += 1
             if ticks == MOST_TICKS:

@@ -53,7 +53,9 @@ OTHER_THINGS: Final = _list("""
     busbar charge qc hist histdata wakeup setting dash intake hot stall shudder ref imd isolation iso insulation
     throttle cpi mot moteur motore onduleur inversor inverseur chargeur cargador caricatore charge lader ladegeraet
     wechselrichter umrichter habitacle innenraum innen kabine cabine cabina huile olie olio aceite reifen bremse frein
-    getriebe evse ccs plug connector socket heizung heizer heizkreis dianji diankong chongdian
+    getriebe evse ccs plug connector socket heizung heizer heizkreis dianji diankong chongdian phasen fazowy
+    brd bd fet tarjeta carte karte platine leiterplatte scheda placa heatsink kuehlkoerper elektronik electronics elek
+    balancer
     """)
 NOT_MEASURED: Final = _list("""
     limit limits lim max min maximum minimum allowed avail available request req cmd command target setpoint set
@@ -65,9 +67,11 @@ NOT_MEASURED: Final = _list("""
 STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
     {
         **dict.fromkeys(
-            _list("max maximum highest hottest hi high maxi hoechste hoogste massima maxima zuigao"), "max"
+            _list("max maximum highest hottest hi high maxi tx ux vx hoechste hoogste massima maxima zuigao"), "max"
         ),
-        **dict.fromkeys(_list("min minimum lowest coldest lo low mini niedrigste laagste minima zuidi"), "min"),
+        **dict.fromkeys(
+            _list("min minimum lowest coldest lo low mini tn un vn niedrigste laagste minima zuidi"), "min"
+        ),
         **dict.fromkeys(
             _list("""
                 avg ave average mean pingjun mittel mittelwert durchschnitt moy moyen moyenne gem gemiddeld media
@@ -91,7 +95,7 @@ OUTWARD: Final = _list("""
     """)
 AMBIENT: Final = _list("""
     ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten env environment oat
-    ots huanjing aussentemp aussentemperatur aussenluft umgebungstemperatur luft
+    ots huanjing aussentemp aussentemperatur aussenluft umgebungstemperatur umg luft
     """)
 
 

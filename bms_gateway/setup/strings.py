@@ -38,7 +38,7 @@ class Own:
 
 @dataclass(frozen=True, slots=True)
 class Strings:
-    """All of them.
+    """The strings of a pack.
 
     Attributes
     ----------

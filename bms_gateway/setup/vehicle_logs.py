@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.bus.logfile import LogNotes, read_log
-from bms_gateway.config.bounds import bounded
 from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
+from bms_gateway.config.read_bounds import bounded
 from bms_gateway.engine.stamps import LONGEST_NS, Clock
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch

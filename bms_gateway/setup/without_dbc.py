@@ -347,7 +347,7 @@ def _slow(f: Field) -> bool:
 
 
 def _reading(f: Field) -> tuple[float, float] | None:
-    """Scale and offset by which it is a temperature of a room that moves by no more than cells do."""
+    """Find a scale and offset that make a field a plausible temperature which moves no more than cells do."""
     low, middle, high = np.quantile(f.x, (0.02, 0.5, 0.98))
     for scale, offset in READINGS:
         if f.place.size == 8 and scale < 0.5:

@@ -18,10 +18,11 @@ from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
-from bms_gateway.setup.capacity_shown import UNLIKE, capacity_shown
+from bms_gateway.records.courses import UNLIKE
+from bms_gateway.setup.capacity_shown import capacity_shown
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
-from bms_gateway.setup.signal_words import of_liquid
+from bms_gateway.setup.signal_words import numbers, of_liquid
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
@@ -46,6 +47,8 @@ UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 1.4,
 FROM_STEPS: Final = 1.2
 """Factor from the resistance by steps of a second to that over minutes."""
 FROM_STEPS_SD: Final = 0.35
+FROM_HEAT_SD: Final = 0.2
+"""Of the resistance by all of the voltage's movement: joints are in it, and it changes with temperature and charge."""
 LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
@@ -56,6 +59,7 @@ COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 """Surroundings between which those of an unknown cell lie."""
 NOT_TWICE: Final = 1.0 - 1e-5
 """Factor of a scale that is that of the DBC's unit by chance: a config with it is refused, as if it converted twice."""
+MOST_SHOWN: Final = 6
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -89,8 +93,8 @@ def write_setup(
     if not traffic.own:
         names, more = _dbc(proposal, traffic, out)
         files += more
-    if (told := left_out(proposal)) is not None:
-        notes.append(told)
+    notes += [told for told in (left_out(proposal), renumbered(proposal)) if told is not None]
+    proposal.against_cell.clear()
     lumped, resistance = lump(proposal, cell, notes)
     if cell is not None and _unsaid_cooling(proposal, cell):
         notes.append(
@@ -132,9 +136,16 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
     shown = None if cell is None else capacity_shown(proposal)
     if shown is not None and told.capacity_Ah is not None:
         told, said = _by_charge(told, told.capacity_Ah, shown, said, notes), True
-    per_cell = None
-    if proposal.resistance is not None and proposal.series_cells:
-        per_cell = FROM_STEPS * proposal.resistance / proposal.series_cells
+        has_Ah = told.parallel * (told.capacity_Ah or 0.0)
+        if not 1.0 / UNLIKE < shown / has_Ah < UNLIKE:
+            which = f"the cell, {told.parallel} in parallel," if told.parallel > 1 else "the cell"
+            _against(
+                proposal,
+                notes,
+                f"current and SOC give {shown:.3g} Ah, {which} has {has_Ah:.3g} Ah: "
+                "the scale or the offset of the current is wrong, or it is another cell",
+            )
+    per_cell = _per_cell(proposal)
     if per_cell is None:
         if cell is None:
             notes.append("the log does not show the resistance of the cells: name the cell with --cell")
@@ -149,27 +160,40 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
         )
         told = replace(told, parallel=count)
     elif per_cell / (one / told.parallel) > 3.0 or per_cell / (one / told.parallel) < 0.33:
-        notes.append(
+        text = (
             f"voltage and current give {1e3 * per_cell:.2g} mΩ per cell in series, {told.name} would have "
             f"{1e3 * one / told.parallel:.2g} mΩ: is it this cell, and so many in parallel?"
         )
+        if cell is None:
+            notes.append(text)
+        else:
+            _against(proposal, notes, text)
     return told, per_cell
 
 
+def _against(proposal: Proposal, notes: list[str], text: str) -> None:
+    """Note what the log says against the named cell; it may be the current that is wrong."""
+    notes.append(text)
+    proposal.against_cell.append(text)
+    for p in proposal.of("current"):
+        p.sure = False
+
+
+def _per_cell(proposal: Proposal) -> float | None:
+    """Resistance of a cell of the series over minutes; None where the log does not show it."""
+    if not proposal.series_cells or proposal.resistance is None:
+        return None
+    over_minutes = proposal.heat_resistance or FROM_STEPS * proposal.resistance
+    return over_minutes / proposal.series_cells
+
+
 def _by_charge(cell: CellFacts, one_Ah: float, shown_Ah: float, said: bool, notes: list[str]) -> CellFacts:
-    """Count cells side by side by the capacity that the log shows, unless it is said; tell a contradiction."""
+    """Count cells side by side by the capacity that the log shows, unless it is said."""
     if not said and shown_Ah > UNLIKE * one_Ah:
         cell = replace(cell, parallel=min(max(round(shown_Ah / one_Ah), 2), 200))
         notes.append(
             f"current and SOC give {shown_Ah:.3g} Ah: taken for {cell.parallel} {cell.name} in parallel; "
             f"--cell '… {cell.parallel}p' says how many"
-        )
-    has_Ah = cell.parallel * one_Ah
-    if not 1.0 / UNLIKE < shown_Ah / has_Ah < UNLIKE:
-        which = f"the cell, {cell.parallel} in parallel," if cell.parallel > 1 else "the cell"
-        notes.append(
-            f"current and SOC give {shown_Ah:.3g} Ah, {which} has {has_Ah:.3g} Ah: "
-            "the scale or the offset of the current is wrong, or it is another cell"
         )
     return cell
 
@@ -187,7 +211,9 @@ def _model(
         still, cooled = (cell_priors(replace(lumped, cooling=c), conduction=False)["R_u"].value for c in COOLING)
         priors["R_u"] = Prior(math.sqrt(still * cooled), UNKNOWN_SD["R_u"])
     if resistance is not None:
-        priors["R_e"] = Prior(min(max(resistance, 1e-5), 1.0), FROM_STEPS_SD)
+        priors["R_e"] = Prior(
+            min(max(resistance, 1e-5), 1.0), FROM_HEAT_SD if proposal.heat_resistance else FROM_STEPS_SD
+        )
     if condition == "full":
         by_volume = AIR if nominal > LIQUID[1] else LIQUID[0]
         priors["C_f"] = Prior(min(max(by_volume * nominal, 1e-2), 1e5), 0.3)
@@ -196,7 +222,7 @@ def _model(
     model = StringModel(
         cells,
         tuple(
-            sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string and not _worse(proposal, p))
+            sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string and not _spare(proposal, p))
         ),
         condition,
         priors,
@@ -205,11 +231,17 @@ def _model(
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
         cell_format=_in_words(lumped) if known else None,
     )
-    if known:
+    # the drive may fit a wrong size or a wrong current well: what it says of the core is not proven
+    against = [text for p in proposal.of("current", string) for text in p.against]
+    doubts = (
+        *(() if known else (UNKNOWN_WHY,)),
+        *(f"the current may be another one: {text}" for text in against),
+        *proposal.against_cell,
+    )
+    if not doubts:
         return model
-    # the drive may fit a wrong size well: what it says of the core is not proven
     values, sds = model.free_numbers
-    return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, (UNKNOWN_WHY,)))
+    return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, doubts))
 
 
 def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
@@ -251,7 +283,8 @@ def _possible(lumped: CellFacts, resistance: float | None) -> list[CellFacts]:
 def _in_words(cell: CellFacts) -> str:
     """Describe a cell as `cell_of` reads it, with how many are one of the model."""
     told = cell_of(cell.name).parallel == cell.parallel
-    return cell.name if told else f"{cell.name} {cell.parallel}p"
+    bare = " ".join(word for word in cell.name.split() if not _PARALLEL.fullmatch(word))
+    return cell.name if told else f"{bare} {cell.parallel}p"
 
 
 def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:
@@ -265,7 +298,7 @@ def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:
         )
         lines.append("bms-gateway init … --cell '21700 5Ah 69g 25mOhm 2p' (or lg_m50, pouch …) makes it better.")
     if resistance is not None:
-        lines.append("R_e is from the steps of pack voltage and current in the log.")
+        lines.append("R_e is from pack voltage and current in the log.")
     lines.append("A record with a thermocouple in the core is worth more than all priors: bms-gateway fit --calibrate.")
     return "\n".join(lines)
 
@@ -322,7 +355,7 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         lines.append(f"# {told}")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
         own = _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
-        lines += [*own[:-1], f"# {own[-1]}"] if _worse(proposal, p) else own
+        lines += [*own[:-1], f"# {own[-1]}"] if _spare(proposal, p) else own
     volted = [p for p in proposal.of("cell_voltage") if p.string == string]
     if volted:
         lines.append("[string.signals.cell_voltage]")
@@ -331,8 +364,8 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     return lines
 
 
-def _worse(proposal: Proposal, p: Proposed) -> bool:
-    """Whether a reading makes the hottest core worse: least and mean beside the greatest of the same cells."""
+def _spare(proposal: Proposal, p: Proposed) -> bool:
+    """Whether the hottest core needs no such reading: least and mean beside the greatest of the same cells."""
     beside = (q.statistic for q in proposal.of("surface") if q.string == p.string and q.index is None)
     return p.index is None and p.statistic != "max" and "max" in beside
 
@@ -350,6 +383,20 @@ def left_out(proposal: Proposal) -> str | None:
         f"{channels} left out ({more}): nothing confirms how many cells there are, so the cells are numbered by the "
         "channels that are used, and not by the numbers in the names"
     )
+
+
+def renumbered(proposal: Proposal) -> str | None:
+    """Say which channels the cells of the first string are where their names have other numbers; None where not."""
+    mine = [p for p in proposal.of("surface", 1) if p.index is not None]
+    own = [numbers(p.series.info.name)[1][-1:] for p in mine]
+    first = own[0][0] if own and own[0] else 0
+    if not all(own) or first > 1 or all(n[0] == (p.index or 0) + first - 1 for n, p in zip(own, mine, strict=True)):
+        return None
+    if proposal.refused or len(mine) < 2:  # told by `left_out`
+        return None
+    shown = ", ".join(f"{p.index} = {p.series.info.name}" for p in mine[:MOST_SHOWN])
+    more = " …" if len(mine) > MOST_SHOWN else ""
+    return f"string_1: the cells of the model are numbered by their channels: {shown}{more}"
 
 
 def share(proposal: Proposal, cells: int) -> float:

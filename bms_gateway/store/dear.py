@@ -1,9 +1,9 @@
-"""JSON that would need hundreds of megabytes, told before it is parsed."""
+"""Tells whether a JSON text would need hundreds of megabytes, before it is parsed."""
 
 from typing import Final
 
-# What is made of a few bytes takes some sixty each: numbers fewer, texts and lists more. A state of ours has 1,100 such
-# marks, commas and all, for a string of four cells.
+# A value of a few bytes takes about sixty bytes of memory: a number fewer, a text or a list more. The state of a string
+# of four cells has 1,100 commas and other marks.
 MAX_COMMAS: Final = 4_000_000
 MAX_MARKS: Final = 1_000_000
 

@@ -305,7 +305,7 @@ def _unpacked(line: Any, body: bytes) -> Block:
 
 
 def _columns(columns: Any) -> dict[str, int | float]:
-    """Columns of a string that are ours, as `Layout` has them; `ValueError` where they are none."""
+    """Return the known columns of a string, as `Layout` has them; raise `ValueError` for a source that is no number."""
     found: dict[str, int | float] = {}
     for name, source in columns.items():
         if type(source) not in (int, float) or not math.isfinite(source):

@@ -86,7 +86,7 @@ def ask(directory: Path, wish: Wish) -> Path:
 
 def _write(at: int, name: str, content: bytes) -> None:
     """Write a file into an open directory: whole under its name, or not there."""
-    fresh = f".{name}.{os.urandom(8).hex()}"  # that nobody could have made before
+    fresh = f".{name}.{os.urandom(8).hex()}"  # a name that nobody can have created in advance
     handle = os.open(fresh, _FRESH, MODE, dir_fd=at)
     try:
         with os.fdopen(handle, "wb") as f:

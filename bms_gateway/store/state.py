@@ -46,7 +46,7 @@ MAGIC = b"bms-gateway-state"
 # A snapshot of 8 strings takes some 100 kB: anything near this is not ours and must not be read into memory.
 MAX_BYTES = 64 << 20
 MAX_HEAD = 256
-GARBAGE = ("corrupt", "foreign")  # reasons for which nothing of worth is lost when the next takes its name
+GARBAGE = ("corrupt", "foreign")  # for these reasons a file holds nothing of value, and the next one may take its name
 UNREAD = "unread"
 CRASHED = "crashed"
 TOLD = {
@@ -55,8 +55,8 @@ TOLD = {
     CRASHED: "the service ended again and again soon after it had restored a stored state, which was kept as {}: "
     "report it with the lines of the journal; after an update stop the service and move it back, or delete it",
 }
-KEPT_MOST = 5  # of one reason: a fault that recurs at every start must not fill the disk
-SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # says nothing of the file: it may be readable in a minute
+KEPT_MOST = 5  # files set aside for one reason: a fault that recurs at every start must not fill the disk
+SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the file may be sound, and readable in a minute
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Loaded:
 
 
 class _RejectedError(Exception):
-    """Reason (part of the quarantine name) and text; and where the file lies once it is set aside."""
+    """A file that is not used: the reason (part of its new name), a text, and its new place once it is set aside."""
 
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(text)
@@ -221,7 +221,7 @@ class StateStore:
         return found
 
     def _tried(self, use: Callable[[dict[str, Any]], None] | None, trial: Trial) -> Loaded:
-        """Load on trial; where a state was set aside in it, a start without any is on trial too."""
+        """Load a state on trial. Once a state was set aside in a trial, a start without any state is on trial too."""
         back = trial.put_back()
 
         def reject(path: Path, why: _RejectedError) -> StateError:
@@ -276,7 +276,7 @@ class StateStore:
                 problems.append(reject(path, _RejectedError("refused", str(e))))
                 continue
             except OSError as e:
-                # left where it is: by the next start it may be readable again. `save` will not write over it
+                # the file stays where it is: at the next start it may be readable again. `save` does not overwrite it
                 problems.append(StateError(f"{path}: the stored state cannot be read: {e.strerror}"))
                 self.unread = str(problems[-1])
                 continue
@@ -334,7 +334,7 @@ class StateStore:
         return StateError(f"{path}: the stored state is not used: {why}; set aside as {aside.name}")
 
     def _set_aside(self, path: Path, why: "_RejectedError") -> Path:
-        """Give what cannot be used a name of its own; `StateError` where that cannot be."""
+        """Rename a file that cannot be used; raise `StateError` if it cannot be renamed."""
         first = path.with_name(f"{path.name}.{why.reason}")
         more = () if why.reason in GARBAGE else (first.with_name(f"{first.name}.{k}") for k in range(2, KEPT_MOST + 1))
         aside = first if why.reason in GARBAGE else next((n for n in (first, *more) if not os.path.lexists(n)), None)
@@ -354,7 +354,7 @@ class StateStore:
         try:
             names = sorted(f.name for f in self.directory.iterdir())
         except OSError:
-            return  # a directory that cannot be listed holds no state to be told of
+            return  # nothing can be said of a directory that cannot be listed
         kept = {reason: [name for name in names if f".{reason}" in name] for reason in TOLD}
         told = [text.format(", ".join(kept[reason])) for reason, text in TOLD.items() if kept[reason]]
         if told:

@@ -13,14 +13,14 @@ service that goes on for a while removes the file. The next start reads how the 
 What counts against a state is what the process itself could note: an exception, a fatal signal of its own (SIGSEGV,
 SIGABRT …) and a hang. `faulthandler` writes the last two, and needs no working interpreter for that. Whoever ends the
 process from outside (a person, the kernel for want of memory, a watchdog after SIGSTOP) leaves no reason, and a power
-cut is followed by another boot: neither says anything of the state. Only a process that is gone without a word while
-the state is read, `SILENT_MOST` times in a row, is counted too: that takes some tenths of a second, which nobody hits
-so often by chance.
+cut is followed by another boot: neither says anything about the state. One end without a reason counts too: a process
+that ends while it reads the state, `SILENT_MOST` times in a row. Reading takes some tenths of a second, so that nobody
+ends the process just then so often by chance.
 
 Where the service then ends in the same way without any stored state, the state was not to blame, and it is put back.
 
-The notes are not synced: they are for processes that end, and after a power cut nobody asks. Where they cannot be
-written there is no trial; no state can be saved there either, which is told.
+The notes are not synced to the disk: they are about processes that end, and are not used after a power cut. Where they
+cannot be written, there is no trial; no state can be saved there either, and this is reported.
 """
 
 import faulthandler
@@ -62,6 +62,10 @@ class Trial:
     ----------
     told : str
         How earlier tries of the state that is tried now have ended; empty for none.
+    handle : int or None
+        Descriptor of the file of notes, while it is open.
+    alive_s : float
+        When the process last moved, by the monotonic clock.
     tries : list of list of str
         What was noted of each earlier try of this boot, in order.
     """
@@ -70,9 +74,9 @@ class Trial:
         self._path = directory / "state.trying"
         self._boot = boot
         self.told = ""
-        self._handle: int | None = None
+        self.handle: int | None = None
         self._faults = False
-        self._alive_s = 0.0
+        self.alive_s = 0.0
         self._head: dict[str, Any] = {"boot": boot}
         self.tries: list[list[str]] = []
         self._read()
@@ -80,7 +84,7 @@ class Trial:
     @property
     def noting_now(self) -> bool:
         """Whether the file of notes is open."""
-        return self._handle is not None
+        return self.handle is not None
 
     @property
     def aside(self) -> list[list[str]]:
@@ -110,23 +114,23 @@ class Trial:
         return ""
 
     def begin(self) -> None:
-        """Note that the state that was asked about is restored now, and from now on what ends the process."""
+        """Note that the service now restores the state; from here on, note also what ends the process."""
         handle = None if self._head.get("acquitted") else self._open()
         if handle is None:
             return
         self._note(TRY)
-        if not faulthandler.is_enabled():  # otherwise somebody wants to see elsewhere what it writes
+        if not faulthandler.is_enabled():  # if it is enabled already, its output belongs to somebody else
             faulthandler.enable(handle)
             self._faults = True
-        self._alive_s = time.monotonic()
+        self.alive_s = time.monotonic()
         self.alive()
 
     def set_aside(self, name: str, aside: str) -> None:
-        """Remember where a state lies now, should it turn out not to be to blame."""
+        """Remember the new name of a state, so that it can be put back if it was not to blame."""
         self._begin_anew(saved_ns=self._head.get("saved_ns"), aside=[*self.aside, [name, aside]])
 
     def put_back(self) -> list[Path]:
-        """Put states back that are not to blame, since the service ends in the same way without any.
+        """Put states back that were not to blame: the service ends in the same way without any state.
 
         Returns
         -------
@@ -147,32 +151,32 @@ class Trial:
         return back
 
     def loaded(self) -> None:
-        """Go on: the state is taken up, the ticks come."""
+        """Note that the state is restored, and that ticks follow."""
         self._note(LOADED)
         self.alive()
 
     def alive(self) -> None:
-        """Tell that it goes on; to be called more often than every `HANG_S` while the trial lasts."""
+        """Note that the process is alive; while the trial lasts, call this more often than every `HANG_S`."""
         now_s = time.monotonic()
-        if now_s - self._alive_s > HANG_S:
-            self._note(WENT_ON)  # what was taken for a hang was none
-        self._alive_s = now_s
-        if self._faults and self._handle is not None:
-            faulthandler.dump_traceback_later(HANG_S, file=self._handle)
+        if now_s - self.alive_s > HANG_S:
+            self._note(WENT_ON)  # it was not a hang
+        self.alive_s = now_s
+        if self._faults and self.handle is not None:
+            faulthandler.dump_traceback_later(HANG_S, file=self.handle)
 
     def over(self) -> None:
         """End the trial: all went well, or the service was told to end."""
         self._let_go()
-        with suppress(OSError):  # not there; or on a disk that is read-only now: then these tries stay noted
+        with suppress(OSError):  # the file is not there, or the disk is read-only now: then these tries stay noted
             self._path.unlink()
 
     @contextmanager
     def noting(self) -> Iterator[None]:
-        """Note what ends the process; where it was told to end, and could, the trial is over."""
+        """Note what ends the process; if it was told to end and does, the trial is over."""
         try:
             yield
-        except GatewayError:  # of configuration or bus, and told; however long the bus took to fail
-            if time.monotonic() - self._alive_s > HANG_S:
+        except GatewayError:  # a fault of configuration or bus, reported, and no matter when the bus failed
+            if time.monotonic() - self.alive_s > HANG_S:
                 self._note(WENT_ON)
             self._let_go()
             raise
@@ -181,15 +185,15 @@ class Trial:
             self._let_go()
             raise
         except BaseException:
-            if time.monotonic() - self._alive_s > HANG_S:
+            if time.monotonic() - self.alive_s > HANG_S:
                 self._let_go()
             else:
                 self._stopped()
             raise
 
     def _stopped(self) -> None:
-        """End the trial as `over` does, but remember what was set aside: nothing has shown yet that it was to blame."""
-        if self._handle is None or not self.aside:
+        """End the trial as `over` does, but remember the states that were set aside: none is proven guilty yet."""
+        if self.handle is None or not self.aside:
             self.over()
         else:
             self._begin_anew(saved_ns=self._head.get("saved_ns"))
@@ -208,7 +212,7 @@ class Trial:
         first, *lines = [line for line in text.decode(errors="replace").splitlines() if line] or [""]
         with suppress(ValueError, RecursionError):
             head = json.loads(first)
-            if _is_head(head) and head["boot"] != self._boot:  # tries of another boot say nothing, what lies aside does
+            if _is_head(head) and head["boot"] != self._boot:  # tries of another boot do not count; states set aside do
                 self._head = {"boot": self._boot, "aside": head.get("aside", []), "saved_ns": NEVER_NS}
             elif _is_head(head):
                 self._head = head
@@ -219,7 +223,7 @@ class Trial:
                         self.tries[-1].append(line)
 
     def _begin_anew(self, **head: object) -> None:
-        """Forget the tries of before."""
+        """Forget the earlier tries."""
         self._head = {"boot": self._boot, "aside": self.aside} | head
         self.tries = []
         if (handle := self._open()) is not None:
@@ -228,25 +232,25 @@ class Trial:
             self._note(json.dumps(self._head))
 
     def _open(self) -> int | None:
-        if self._handle is None:
+        if self.handle is None:
             with suppress(OSError):
-                self._handle = os.open(self._path, _NOTES, _MODE)
-        return self._handle
+                self.handle = os.open(self._path, _NOTES, _MODE)
+        return self.handle
 
     def _note(self, line: str) -> None:
-        if self._handle is not None:
+        if self.handle is not None:
             with suppress(OSError):
                 # what was written before it may have been cut off within a line
-                os.write(self._handle, f"\n{line}\n".encode(errors="replace"))
+                os.write(self.handle, f"\n{line}\n".encode(errors="replace"))
 
     def _let_go(self) -> None:
         if self._faults:
             faulthandler.cancel_dump_traceback_later()
             faulthandler.disable()
             self._faults = False
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
+        if self.handle is not None:
+            os.close(self.handle)
+            self.handle = None
 
 
 def _is_head(head: object) -> bool:
@@ -260,7 +264,7 @@ def _is_head(head: object) -> bool:
 
 
 def _reason(lines: list[str]) -> str:
-    """Why a try has ended; empty where it did not say, or went on after what looked like an end."""
+    """Why a try has ended; empty if it noted no reason, or went on after what looked like its end."""
     if not lines or lines[-1] in (LOADED, WENT_ON):
         return ""
     told = next(line for line in lines if line not in (LOADED, WENT_ON))

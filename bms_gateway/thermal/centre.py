@@ -6,26 +6,26 @@ Jaeger, *Conduction of Heat in Solids*, 2nd ed., section 7.2, for the parabola t
 .. math::
     T_{centre} - T_{edge} = \frac{q}{4 \pi k L}, \qquad T_{mean} - T_{edge} = \frac{q}{8 \pi k L}
 
-whatever its radius: the centre is as far above the mean as the mean is above the edge. Of the resistance R_c between
-mean and surface a share φ lies within the roll, the rest is contact between roll and casing, so that
+for any radius: the centre is as far above the mean as the mean is above the edge. A share φ of the resistance R_c
+between mean and surface lies within the roll; the rest is contact between roll and casing, so that
 
 .. math:: T_{centre} = T_c + \varphi \, (T_c - T_s)
 
-φ is between 0 (all of R_c is contact) and 1 (all of it is spread over the roll). A profile takes its time to follow:
-its slowest mode, that of the first zero x_1 of J_1, has the time constant
+φ is between 0 (all of R_c is contact) and 1 (all of it is within the roll). A profile follows with a delay: its slowest
+mode, that of the first zero x_1 of J_1, has the time constant
 
 .. math:: \tau = \frac{8}{x_1^2} \, \varphi R_c C_c
 
-and so the difference in the formula is the one that goes through a lag of τ. While heat flows outward the hottest point
-is the centre; where the surface is warmer than the roll, it is the surface.
+The difference in the formula is therefore filtered by a lag of τ. While heat flows outward the hottest point is the
+centre; if the surface is warmer than the roll, it is the surface.
 
 Notes
 -----
-R_c is the model's own, from the mean of the roll to the measured surface, as its heat balance has it. Where a number
-was taken from the centre to the surface, as by a thermocouple in the axis, it is that of this model times 1 + φ.
-Against the fine cylinder (`tests/thermal/test_centre.py`), through steps of the load, pulses, cooling and jumps of the
-coolant by 20 K, the formula with its own φ is within 2 % of the largest T_c - T_s up to φ = 0.5, within 6 % at 0.75 and
-12 % at 0.95, where the quicker modes are felt too. Without the lag it is off by a third of it after such a jump.
+R_c is that of the model's heat balance: from the mean of the roll to the measured surface. A resistance that was
+measured from the centre to the surface, as by a thermocouple in the axis, equals it times 1 + φ. Compared with the fine
+cylinder (`tests/thermal/test_centre.py`), through steps of the load, pulses, cooling and jumps of the coolant by 20 K,
+the error of the formula with the right φ is 2 % of the largest T_c - T_s up to φ = 0.5, 6 % at 0.75 and 12 % at 0.95,
+where faster modes matter too. Without the lag, the error is a third of it after such a jump.
 """
 
 from math import inf
@@ -35,11 +35,11 @@ import numpy as np
 from bms_gateway.thermal.parameters import Floats, Share, StringModel
 
 CENTRE_SHARE = Share(0.5, 0.25)
-"""φ where it is unknown: every possible value is within two sd. For a 32113 whose R_c was fitted to its measured core,
-R_c is twice the 1/(8πkL) of its roll, which gives 0.5."""
+"""φ if unknown: every possible value is within two sd. For a 32113 with R_c fitted to its measured core, R_c is twice
+the 1/(8πkL) of its roll, which gives 0.5."""
 CORE_PROBE = Share(0.0, 0.3)
-"""Position of a thermocouple "in the core" where the model does not state it, from the mean (0) to the centre (1). Such
-a thermocouple is pushed into the mandrel's hole or beside it, touches more than the axis, and its wires conduct heat
+"""Position of a thermocouple "in the core" from the mean (0) to the centre (1), if the model does not state it. Such a
+thermocouple is pushed into the mandrel's hole or beside it, touches more than the axis, and its wires conduct heat
 away. On three cells of two formats 0.3 ± 0.3 fitted best. With 0, a calibrated core would be the thermocouple's
 reading; it would be colder than the true mean by no more than its band."""
 FIRST_MODE = 8.0 / 3.8317059702075125**2
@@ -51,7 +51,7 @@ SURE_K = 3.0
 
 
 def centre_share(model: StringModel) -> Share:
-    """Tell φ of a model: what its file says, else what its effect of the roll has found, else the default."""
+    """Return φ of a model: from its file, else from its effect of the roll, else the default."""
     if model.centre_share is not None:
         return model.centre_share
     found = next((e for e in model.effects if e.name == RADIAL and "phi" in e.values), None)
@@ -59,12 +59,12 @@ def centre_share(model: StringModel) -> Share:
 
 
 def core_probe(model: StringModel) -> Share:
-    """Tell the position of a thermocouple in the core, from the mean (0) to the centre (1)."""
+    """Return the position of a thermocouple in the core, from the mean (0) to the centre (1)."""
     return CORE_PROBE if model.core_probe is None else model.core_probe
 
 
 def probe_lever(model: StringModel) -> Share:
-    r"""Tell by which share of T_c - T_s a thermocouple in the core reads above the mean of the roll: p φ.
+    r"""Return the share of T_c - T_s by which a thermocouple in the core reads above the mean of the roll: p φ.
 
     Its variance is that of a product of two independent numbers,
     :math:`p^2 \sigma_\varphi^2 + \varphi^2 \sigma_p^2 + \sigma_p^2 \sigma_\varphi^2`.
@@ -80,7 +80,7 @@ def time_constant(phi: Floats | float, R_c: Floats, C_c: Floats) -> Floats:
 
 
 def followed(elapsed_s: Floats | float, time_constant_s: Floats) -> Floats:
-    """Tell which share of a change a profile has followed after a time, 0 to 1; 1 where the time constant is zero."""
+    """Share of a change that a profile has followed after a time, 0 to 1; 1 if the time constant is zero."""
     return np.asarray(-np.expm1(-elapsed_s / np.maximum(time_constant_s, INSTANT_S)), dtype=np.float64)
 
 
@@ -92,7 +92,7 @@ def lagged(gap: Floats, elapsed_s: Floats, time_constant_s: Floats) -> Floats:
     gap : ndarray (K, n), K
         Steady before the first instant.
     elapsed_s : ndarray (K,), s
-        Since the instant before; that of the first does not count.
+        Since the instant before; the first value is not used.
     time_constant_s : ndarray (n,), s
 
     Returns
@@ -133,14 +133,14 @@ def hottest(
 ) -> tuple[Floats, Floats]:
     r"""Temperature of the hottest point, °C, and its standard deviation, K.
 
-    The latter is that of the centre, but where the surface is warmer than the core. There
-    :math:`\sigma^2 = \sigma_s^2 + (\sigma_{centre}^2 - \sigma_s^2) e^{-\alpha^2/2}`, with α by how many standard
-    deviations the centre is below the surface: more than the second moment of what the centre may be above it by all
-    the same, and the centre's own where both are alike.
+    The sd is that of the centre if the core is warmer than the surface. If the surface is warmer, it is :math:`\sigma^2
+    = \sigma_s^2 + (\sigma_{centre}^2 - \sigma_s^2) e^{-\alpha^2/2}`, with α the distance of the centre below the
+    surface in standard deviations. This is above the second moment of the centre's possible excess over the surface,
+    and equals the centre's sd if both temperatures are equal.
 
     Parameters
     ----------
-    core, surface, lag, phi
+    As for `hottest_point`.
         As `hottest_point` takes them.
     centre_sd : ndarray, K
         Of core + φ lag.
@@ -157,15 +157,15 @@ def hottest(
 
 
 def compared(points: Floats | float, core_sd: Floats | float) -> Floats:
-    """Temperatures (n,) by which cells are compared: their points, less the sd of the core where it exceeds `SURE_K`.
+    """Temperatures (n,) for the comparison of cells: their points, minus the sd of the core if it exceeds `SURE_K`.
 
-    No vague guess is the hottest cell then, but a cell that burns is, however vague its core.
+    An uncertain guess is then not the hottest cell, but a burning cell is, even with an uncertain core.
     """
     return np.where(np.greater(core_sd, SURE_K), np.subtract(points, core_sd), points)
 
 
 def hottest_of(points: Floats, core_sd: Floats | float = 0.0) -> int | None:
-    """Cell (from 0) with the hottest of points (n,), the first of equal ones; NaN is none, None where all are.
+    """Cell (from 0) with the hottest of points (n,), the first of equal ones; NaN is skipped, None if all are NaN.
 
     Parameters
     ----------

@@ -24,12 +24,12 @@ from bms_gateway.thermal.parameters import Floats
 C_RATE_HIGH, C_RATE_LOW, C_RATE_RMS = 20.0, -12.0, 62.2 / 8.0
 URBAN_ASSAULT_S, US06_S, UDDS_S = 1332, 596, 1369
 CAPACITY_AH = 8.0
-"""Of the paper's cell."""
+"""Capacity of the paper's cell."""
 
 ROLLING, DRAG = 9.81 * 0.01, 2.4e-4
 """m/s² and 1/m: a passenger car's road load per mass."""
-INERTIA = 1.05  # mass with the inertia of wheels and motor, over the mass
-BRAKES_SHARE = 0.6  # of the braking power reaches the battery; the rest goes into brakes and losses
+INERTIA = 1.05  # mass including the inertia of wheels and motor, over the mass
+BRAKES_SHARE = 0.6  # share of the braking power that reaches the battery; the rest goes into brakes and losses
 C_RATE_PER_POWER = C_RATE_HIGH / 30.0
 """1/h per W/kg: greatest current at 30 W/kg, which is the greatest acceleration of US06 at 70 km/h."""
 
@@ -68,7 +68,7 @@ def urban_assault(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) ->
     raw = raw[:URBAN_ASSAULT_S]
     raw[[np.argmax(raw), np.argmin(raw)]] = 1e3, -1e3  # clipped below: both limits are reached
     gain, shift = C_RATE_RMS, 0.0
-    for _ in range(100):  # clipping moves mean and rms: mend them in turn until both hold
+    for _ in range(100):  # clipping changes mean and rms: correct them in turn until both are right
         cycle = np.clip(gain * raw + shift, C_RATE_LOW, C_RATE_HIGH)
         gain *= C_RATE_RMS / float(np.sqrt(np.mean(cycle**2)))
         shift -= float(np.mean(cycle))
@@ -120,7 +120,7 @@ def _speed(
         braking = np.arange(top, 0.0, -rng.uniform(1.0, 2.0))
         legs.append((away, top, braking))
     left = seconds + 1 - sum(len(a) + len(b) for a, _, b in legs) - int(standing.sum())
-    shares = rng.dirichlet(np.full(trips, 3.0)) * max(left, 0)  # what is left of the time, the trips cruise
+    shares = rng.dirichlet(np.full(trips, 3.0)) * max(left, 0)  # the trips cruise in the remaining time
     parts = []
     for (away, top, braking), share, stop in zip(legs, shares, standing, strict=True):
         sway = np.cumsum(rng.normal(0.0, 0.35, int(share)))
@@ -132,12 +132,12 @@ def _speed(
 
 
 def _current(v: Floats, capacity_Ah: float) -> Floats:
-    """Turn a speed into the current of its road load; the mean is the engine's."""
+    """Convert a speed to the current of its road load; the engine supplies the mean."""
     mean, change = (v[1:] + v[:-1]) / 2.0, np.diff(v)
     power = mean * (INERTIA * change + ROLLING + DRAG * mean**2)
     rate = C_RATE_PER_POWER * np.where(power > 0.0, power, BRAKES_SHARE * power)
     rate = np.where(mean > 0.0, rate, 0.0)
-    for _ in range(100):  # clipping moves the mean
+    for _ in range(100):  # clipping changes the mean
         clipped = np.clip(rate, C_RATE_LOW, C_RATE_HIGH)
         rate = rate - float(np.mean(clipped))
     return np.clip(rate, C_RATE_LOW, C_RATE_HIGH) * capacity_Ah

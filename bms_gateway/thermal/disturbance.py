@@ -23,19 +23,22 @@ class Disturbance:
     heat_cell : float, W
         Heat error of each cell on its own.
     inlet : float, K
-        Measured inlet against the coolant that meets the first cell.
+        Measured inlet against the coolant at the first cell.
     inlet_unknown : float, K
-        The same while no inlet is measured and the last one is held: a day's swing of the air.
+        The same while no inlet is measured and the last value is held: the daily change of the air.
     heat_unknown : float, W
         Common heat error while no current is measured and the usual heat is assumed: a cell at work against at rest.
     correlation : float, s
-        How long such errors last: the time constant of a drive's phases.
+        Duration of such errors: the time constant of a drive's phases.
     sensor : float, K
         White noise of a thermocouple reading.
+    cooling_cell : float, W
+        Heat that stays in the surface of each cell because it is cooled worse than in the model. With 0, cells have no
+        such offset.
 
     References
     ----------
-    Not in the paper; what stands between Lin et al., Eq 18 and a real string.
+    Not in the paper; the difference between Lin et al., Eq 18 and a real string.
     """
 
     heat_common: float = 0.5
@@ -45,6 +48,7 @@ class Disturbance:
     heat_unknown: float = 10.0
     correlation: float = 600.0
     sensor: float = 0.1
+    cooling_cell: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +58,7 @@ class Start:
     Attributes
     ----------
     level : float
-        All temperatures together, about the first reading (or the inlet where no surface is measured).
+        All temperatures together, about the first reading (or the inlet without a surface reading).
     gap : float
         Cores over surfaces, all cells together: 6.4 K ten minutes after a hot stop, more at once.
     slope : float
@@ -77,7 +81,7 @@ class Start:
 
 
 def start_spread(cells: int, start: Start) -> Floats:
-    """Covariance of the temperatures [T_c1, T_s1, …] before the first reading, common-mode for the most part.
+    """Covariance of the temperatures [T_c1, T_s1, …] before the first reading; most of it is common to the cells.
 
     Returns
     -------
@@ -94,8 +98,8 @@ def start_spread(cells: int, start: Start) -> Floats:
 def gathered_noise(A: Floats, W: Floats, dt: float) -> tuple[Floats, Floats]:
     """Transition and covariance that white noise of intensity `W` leaves after `dt` seconds, exactly.
 
-    Van Loan's exponential holds exp(−A t), which overflows over a parked night; it is therefore taken for a fraction
-    dt/2^k short against the fastest pole and doubled k times: Q(2t) = Q(t) + Φ(t) Q(t) Φ(t)ᵀ.
+    Van Loan's exponential contains exp(−A t), which overflows over a parked night. It is therefore computed for
+    dt/2^k, which is short against the fastest time constant, and doubled k times: Q(2t) = Q(t) + Φ(t) Q(t) Φ(t)ᵀ.
 
     Parameters
     ----------

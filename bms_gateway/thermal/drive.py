@@ -19,8 +19,8 @@ class Drive:
 
     .. math:: \bar u_k = \frac{1}{\Delta t} \int_{k \Delta t}^{(k+1) \Delta t} u \, dt
 
-    The mean square, the mean magnitude and the mean product with the voltage stand beside the mean current: heat
-    follows them, and none of the three can be told from the mean once the current has moved within an interval.
+    The mean square, the mean magnitude and the mean product with the voltage are stored with the mean current, because
+    heat depends on them and they do not follow from the mean if the current changes within an interval.
 
     Parameters
     ----------
@@ -31,15 +31,15 @@ class Drive:
     T_in : (N,)
         Coolant inlet, °C.
     flow : (N,)
-        Coolant flow as a ratio to the nominal one; 1 where it was not recorded.
+        Coolant flow over nominal; 1 if it was not recorded.
     soc : (N,)
-        State of charge, 0…1; from 0.5 on, where no one knows where it started.
+        State of charge, 0…1; counted from 0.5 if its start is unknown.
     V, IV : (N,)
-        Mean voltage of a cell, V, and the mean of current times that voltage, W; NaN where there is none.
+        Mean voltage of a cell, V, and the mean of current times that voltage, W; NaN without a voltage.
     hours : (N,)
         The interval's middle, in hours since the record began.
     known : frozenset of "flow", "soc", "voltage"
-        Which of these were recorded, or could be counted. The others hold their neutral value.
+        Which of these were recorded or could be counted. The others have their neutral value.
 
     Raises
     ------
@@ -101,17 +101,17 @@ def cut(u: Drive, first: int, last: int) -> Drive:
 
 
 def average(u: Drive) -> Drive:
-    """One interval with the means of all intervals; missing values, of a voltage for example, are left out."""
+    """Return one interval with the means of all intervals; missing values, of a voltage for example, are left out."""
     return _map(u, lambda x: np.atleast_1d(np.nanmean(x)) if np.isfinite(x).any() else x[:1])
 
 
 def at_instants(u: Drive) -> Drive:
-    """Return the inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
+    """Return the inputs at the N + 1 instants that bound the intervals: means of the neighbours."""
     return _map(u, between)
 
 
 def every_second(u: Drive, spans: Sequence[Span]) -> tuple[Drive, tuple[Span, ...], NDArray[np.intp]]:
-    """Join the intervals of each span two by two; an odd last one is left out.
+    """Join the intervals of each span in pairs; an odd last interval is left out.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def every_second(u: Drive, spans: Sequence[Span]) -> tuple[Drive, tuple[Span, ..
 
 
 def between(x: Floats) -> Floats:
-    """Values (N + 1, …) at the instants between and around N intervals: means of the neighbours."""
+    """Values (N + 1, …) at the instants that bound N intervals: means of the neighbours."""
     return np.concatenate([x[:1], (x[1:] + x[:-1]) / 2.0, x[-1:]])
 
 

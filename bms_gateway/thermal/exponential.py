@@ -1,6 +1,6 @@
-r"""The matrix exponential, in products alone.
+r"""The matrix exponential, by products only.
 
-`scipy.linalg` has one too, but costs more to load than all of the estimator, in time to READY and in memory.
+`scipy.linalg` has one too, but its import takes more time to READY and more memory than the whole estimator.
 """
 
 from math import factorial
@@ -10,9 +10,9 @@ import numpy as np
 from bms_gateway.thermal.parameters import Floats
 
 LEAST_SIZE = 0.5
-"""The series is taken of a share of the matrix of at most this size, and squared back."""
+"""Greatest norm of the scaled matrix in the series, which is then squared repeatedly."""
 GROUP = 4
-"""Powers kept at once: 16 terms cost six products."""
+"""Number of stored powers: 16 terms cost six products."""
 
 
 def exponential(Z: Floats) -> Floats:
@@ -28,12 +28,12 @@ def exponential(Z: Floats) -> Floats:
     Returns
     -------
     ndarray (…, M, M)
-        Not a number where any of `Z` is not finite; infinite where it runs away.
+        NaN if any of `Z` is not finite; infinite if it diverges.
 
     Notes
     -----
-    At size ½ in the 1-norm the term that is left out lies below 1e-19. Sums run by groups of powers (Paterson and
-    Stockmeyer 1973).
+    With a 1-norm of ½ the omitted term is below 1e-19. Terms are summed in groups of powers (Paterson and Stockmeyer
+    1973).
 
     References
     ----------

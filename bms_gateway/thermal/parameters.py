@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ParameterKind:
-    """What one symbol means.
+    """Meaning of one symbol.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ParameterKind:
         Unit shown to people; `to_si` times the shown number is SI.
     to_si : float
     lower, upper : float
-        Physical bounds, SI: a value outside is refused, an estimate that ends there is not believed.
+        Physical bounds, SI: a value outside is refused, an estimate at a bound is not accepted.
     per_cell : bool
         May differ from cell to cell.
     """
@@ -48,7 +48,7 @@ class ParameterKind:
     per_cell: bool = True
 
 
-# Bounds span a coin cell in still air to a 400 Ah prismatic cell under liquid: they catch unit slips (mΩ for Ω).
+# Bounds from a coin cell in still air to a 400 Ah prismatic cell under liquid; they detect wrong units (mΩ for Ω).
 KINDS: Mapping[str, ParameterKind] = MappingProxyType(
     {
         k.symbol: k
@@ -68,7 +68,7 @@ CELL_SYMBOLS = ("C_c", "C_s", "R_e", "R_c", "R_u")
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of one parameter before any data: log-normal about `value`.
+    """Knowledge of one parameter before any data: log-normal about `value`.
 
     Attributes
     ----------
@@ -96,9 +96,9 @@ class StringParameters:
     C_c, C_s, R_e, R_c, R_u : ndarray (n,)
         J/K, J/K, Ω, K/W, K/W per cell, in the order of the coolant path.
     R_cc : float
-        K/W between neighbours; infinite where cells do not touch.
+        K/W between neighbours; infinite if cells do not touch.
     C_f : float
-        W/K of the coolant stream; infinite where the stream does not warm up along the string (ambient).
+        W/K of the coolant stream; infinite if the stream does not warm up along the string (ambient).
     coolant : {"bulk", "ntu"}
         Formula of the exchange between cell and stream.
 
@@ -170,7 +170,7 @@ DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A number between 0 and 1 and how well it is known; see `thermal.centre` for the two that a cell has.
+    """A number between 0 and 1 and its sd; see `thermal.centre` for the two such numbers of a cell.
 
     Attributes
     ----------
@@ -190,14 +190,14 @@ class AddedEffect:
     name : str
         Of the catalogue in `thermal.effects`.
     cell : int or None
-        1-based, for an effect that sits on one cell, one thermocouple or the stream after one cell.
+        1-based, for an effect on one cell, on one thermocouple or on the stream after one cell.
     values : mapping of parameter to number, SI
     sd : mapping of parameter to number
-        Standard deviation: SI, or of the logarithm for a parameter that is fitted in it; 0 means fixed.
+        Standard deviation: SI, or of the logarithm for a parameter that is fitted as such; 0 means fixed.
     start : mapping of parameter to number, SI, or None
         Where every fit of these numbers starts; None if it starts from `values`.
     tied_with : tuple of str
-        Effects of the catalogue that explain as well the records by which this one was added.
+        Effects of the catalogue that explain equally well the records by which this one was added.
     """
 
     name: str
@@ -209,18 +209,18 @@ class AddedEffect:
 
     @property
     def key(self) -> str:
-        """The effect's name in model files and results: `name`, or `name:cell` where it sits on one cell."""
+        """The effect's name in model files and results: `name`, or `name:cell` if it is on one cell."""
         return self.name if self.cell is None else f"{self.name}:{self.cell}"
 
     @property
     def unfitted(self) -> "AddedEffect":
-        """The effect with the numbers from which every fit starts."""
+        """The effect with the start values of every fit."""
         return self if self.start is None else replace(self, values=self.start, start=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """What a run that told the cells apart left beside their values: how well each number is known, and how together.
+    """Result of a run that identified single cells, besides their values: sd and correlation of the numbers.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ class Commissioning:
     correlation : ndarray (p, p)
         Symmetric, ones on the diagonal, positive definite.
     electrical : ndarray (n,), Ω
-        Electrical resistance of each cell in that run; NaN where its voltage was not recorded.
+        Electrical resistance of each cell in that run; NaN if its voltage was not recorded.
     """
 
     names: tuple[str, ...]
@@ -242,22 +242,22 @@ class Commissioning:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """What a fit to whole records leaves beside its numbers; how they hang together is `StringModel.correlation`.
+    """Result of a fit to whole records, besides its numbers; their correlation is `StringModel.correlation`.
 
     Attributes
     ----------
     values, sd : mapping of name to float
-        Of every fitted number, as `StringModel.free_numbers` gives them: a model file that says otherwise elsewhere
-        was changed by hand.
+        Of every fitted number, as in `StringModel.free_numbers`: if the rest of a model file differs, it was changed by
+        hand.
     model_error_K : float
-        Slow error of the surface that the model was given; 0 where it explained the readings.
+        Slow error of the surface that was assumed for the model; 0 if it explained the readings.
     core_doubt : float
-        Share of the difference core to surface that may be wrong beyond what the numbers' covariance says. It is no
-        number of the model: no surface can take it away.
+        Additional share of the difference core to surface that may be wrong beyond the numbers' covariance. It is no
+        number of the model: no surface reading can reduce it.
     calibrated : bool
-        A thermocouple in the core has testified.
+        Whether a thermocouple in the core was used.
     not_proven : tuple of str
-        What speaks against the core, a sentence each; empty where it is proven.
+        Reasons against the core, a sentence each; empty if it is proven.
     """
 
     values: Mapping[str, float]
@@ -270,7 +270,7 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True)
 class StringModel:
-    """One string as its model file states it: structure, sensors and priors.
+    """One string as in its model file: structure, sensors and priors.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class StringModel:
         Cells whose surface is measured, 1-based, ascending.
     condition : {"full", "natural", "no-conduction", "single"}
     priors : mapping of symbol to Prior
-        C_c, C_s, R_e, R_c, R_u always; R_cc and C_f where the condition has them.
+        C_c, C_s, R_e, R_c, R_u always; R_cc and C_f if the condition has them.
     coolant : {"bulk", "ntu"}
     capacity_Ah : float or None
         For state of charge by counting.
@@ -287,21 +287,21 @@ class StringModel:
         Nominal coolant flow, m³/s, to which C_f belongs.
     tolerances : mapping
     effects : tuple of AddedEffect
-        What the model knows beyond I²R_e, two nodes and a coolant path.
+        Parts of the model beyond I²R_e, two nodes and a coolant path.
     before : mapping of symbol to Prior, or None
-        What was known before any data, where `priors` come from a fit.
+        Priors before any data, if `priors` come from a fit.
     correlation : (names, ndarray (m, m)) or None
-        How the errors of m numbers hang together, by symbol or `effect key.parameter`: of the logarithm where a number
-        is known in it. What is not named is independent. Symmetric, ones on the diagonal, positive semidefinite.
+        Correlation of the errors of m numbers, by symbol or `effect key.parameter`: of the logarithm if a number is
+        known in it. Other numbers are independent. Symmetric, ones on the diagonal, positive semidefinite.
     commissioning : Commissioning or None
-        Where the cells have been told apart; their values are those of `priors`.
+        Present if single cells have been identified; their values are in `priors`.
     posterior : Posterior or None
-        Where `priors` come from a fit to whole records.
+        Present if `priors` come from a fit to whole records.
     centre_share, core_probe : Share or None
-        Share of R_c that lies within the roll, and where a thermocouple in the core reads between the mean of the roll
-        and its centre; None for what `thermal.centre` says.
+        Share of R_c within the roll, and position of a thermocouple in the core between the mean of the roll and its
+        centre; None for the defaults of `thermal.centre`.
     cell_format : str or None
-        The cell in words, as `thermal.cells.cell_of` reads them: what no measurement of it can contradict.
+        Description of the cell for `thermal.cells.cell_of`: facts that no measurement can contradict.
 
     References
     ----------
@@ -327,19 +327,19 @@ class StringModel:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the cores of this model, a sentence each: not proven while there is any."""
+        """Reasons against the cores of this model, a sentence each: not proven while there is any."""
         return () if self.posterior is None else self.posterior.not_proven
 
     @property
     def core_doubt(self) -> float:
-        """Share of the difference core to surface that may be wrong beyond what the numbers' sd say."""
+        """Additional share of the difference core to surface that may be wrong beyond the numbers' sd."""
         return 0.0 if self.posterior is None else self.posterior.core_doubt
 
     @property
     def free_numbers(self) -> tuple[Mapping[str, float], Mapping[str, float]]:
         """Value and sd of every number that is not fixed, by symbol or `effect key.parameter`.
 
-        SI; of cells that differ the geometric mean; the sd of the logarithm where a number is known in that.
+        SI; the geometric mean if cells differ; the sd of the logarithm if a number is known in it.
         """
         values, sd = {}, {}
         for name, prior in self.priors.items():
@@ -355,7 +355,7 @@ class StringModel:
 
     @property
     def unfitted(self) -> "StringModel":
-        """The string as it was known before any data: every fit starts here, so that no data count twice."""
+        """The string as known before any data: every fit starts here, so that no data count twice."""
         if self.before is None:
             return self
         effects = tuple(e.unfitted for e in self.effects)
@@ -378,7 +378,7 @@ class StringModel:
         return self.parameters({})
 
     def parameters(self, values: Mapping[str, float | Floats]) -> StringParameters:
-        """Numbers of the string: `values` (SI, by symbol) where given, the priors' medians elsewhere."""
+        """Numbers of the string: `values` (SI, by symbol) if given, otherwise the priors' medians."""
         v = {name: values.get(name, prior.value) for name, prior in self.priors.items()}
         return StringParameters.of(
             self.cells,

@@ -9,7 +9,7 @@ that module's A X + B u, with the coolant flow C_f following the flow ratio. For
     f_k = C_f e_k (T_{s,k} - T_{f,k}) \\
     T_{f,k+1} &= T_{f,k} + e_k (T_{s,k} - T_{f,k})
 
-where the effects may change each symbol (Lin et al., Eq 16–18, corrected as `thermal.string` says).
+where the effects may change each symbol (Lin et al., Eq 16–18, corrected as in `thermal.string`).
 """
 
 from collections.abc import Mapping
@@ -26,27 +26,27 @@ from bms_gateway.thermal.point import Point
 
 Memory = Mapping[str, Floats]
 REFERENCE_GAP = 5.0
-"""K: gap surface to coolant at which R_u holds when the film flux is not proportional to it."""
+"""K: gap surface to coolant at which R_u is stated if the film flux is not proportional to the gap."""
 LEAST_GAP = 0.05
-"""K: below it the film is taken as linear, for its slope at zero gap would be zero or infinite."""
+"""K: the film is linear below this gap, because its slope at zero gap would be zero or infinite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """One choice of all the numbers of a string.
+    """One set of all numbers of a string.
 
     Attributes
     ----------
     string : StringParameters
     effects : mapping of effect key to mapping of parameter to float, SI
     inlet_offset : ndarray (…, 1) or float, K
-        The inlet thermocouple reads so much too high (within its tolerance).
+        Error of the inlet thermocouple, positive if it reads too high (within its tolerance).
     surface_offset : ndarray (n,) or 0.0, K
-        The surface thermocouples read so much too high (within their tolerance).
+        Errors of the surface thermocouples, positive if they read too high (within their tolerance).
     inlet_late, flow_late : float, s
-        These readings come so late: filters and time stamps of other devices (within what is usual).
+        Delays of these readings: filters and time stamps of other devices (within what is usual).
     core_heat : ndarray (…, n) or float, W
-        Heat made in the cores beside what the model knows: what an observer takes its disturbance for.
+        Additional heat in the cores beyond the model: the observer's disturbance.
     """
 
     string: StringParameters
@@ -74,12 +74,12 @@ class Physics:
     ----------
     model : StringModel
     own : mapping of str to Effect, optional
-        Effects by name that are taken before those of the catalogue.
+        Effects by name, with priority over those of the catalogue.
 
     Raises
     ------
     ConfigError
-        An effect that is not in the catalogue, or sits on a cell that does not exist.
+        An effect is not in the catalogue, or is on a cell that does not exist.
     """
 
     def __init__(self, model: StringModel, own: Mapping[str, Effect] | None = None) -> None:
@@ -112,16 +112,16 @@ class Physics:
         return tuple(e.key for e in self._remembering)
 
     def numbers(self, values: Mapping[str, float | Floats] | None = None) -> Numbers:
-        """Numbers of the model as it stands; `values` by symbol (SI) in place of the priors' medians."""
+        """Numbers of the model; `values` by symbol (SI) replace the priors' medians."""
         return Numbers(self.model.parameters(values or {}), {e.key: e.values for e in self.model.effects})
 
     def memory(self, u: Drive, v: Numbers, carry: Memory | None = None) -> tuple[dict[str, Floats], dict[str, Floats]]:
-        """Run the effects' memories of the inputs over `u`.
+        """Advance the effects' memories of the inputs over `u`.
 
         Returns
         -------
         memory, carry : dict of effect key to ndarray
-            (N, k) over the intervals, and what the next call needs.
+            (N, k) over the intervals, and the input of the next call.
         """
         memory, after = {}, {}
         for e in self._remembering:
@@ -158,7 +158,7 @@ class Physics:
         return self.balances(self.point(X, u, v, memory), v)
 
     def balances(self, z: Point, v: Numbers) -> Floats:
-        """Rates of change (N, D) in 1/s that a point of `point` comes to."""
+        """Rates of change (N, D) in 1/s of a point from `point`."""
         out = np.empty((*z.T_c.shape[:-1], self.states), order="F")
         out[..., 0 : 2 * self.cells : 2] = (z.core - z.inner) / z.C_c
         net = z.inner - z.film + z.surface
@@ -173,7 +173,7 @@ class Physics:
         return out
 
     def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
-        """Read thermocouples on all n cells (N, n), °C, at the states `X` under the inputs of `u`."""
+        """Return readings of thermocouples on all n cells (N, n), °C, at the states `X` under the inputs of `u`."""
         if not self.reads:
             return self.surfaces(X, v)
         z = self.point(X, u, v, memory)
@@ -182,7 +182,7 @@ class Physics:
         return np.asarray(z.y + v.surface_offset)
 
     def surfaces(self, X: Floats, v: Numbers) -> Floats:
-        """Surfaces (N, n), °C, as thermocouples read them that no effect alters."""
+        """Surfaces (N, n), °C, as read by thermocouples without effects."""
         return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
 
     def linearised(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
@@ -203,7 +203,7 @@ class Physics:
         s, n = v.string, self.cells
         T_c, T_s = X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2]
         flow = _earlier(u.flow, v.flow_late, u.dt)[:, None]
-        # a flow that stands still leaves the stream's coefficients without a time axis, and its path a matrix
+        # a constant flow leaves the stream's coefficients without a time axis, and its path a matrix
         still = flow[0] if np.all(flow == flow[0]) else flow
         nothing = np.zeros_like(T_s)
         return Point(
@@ -238,7 +238,7 @@ class Physics:
         )
 
     def _stream(self, z: Point, coolant: str) -> None:
-        """Follow the coolant along the string: its temperature at each cell and the flux each cell gives it."""
+        """Compute the coolant along the string: its temperature at each cell and the flux from each cell."""
         if not np.isfinite(z.C_f).all():
             z.T_f = z.T_in + np.zeros_like(z.T_s)
             z.film = (z.T_s - z.T_f) / z.R_u * _film(z.T_s - z.T_f, z.film_exponent)
@@ -272,7 +272,7 @@ class Physics:
 
 
 def _earlier(x: Floats, late: float, dt: float) -> Floats:
-    """Signal `late` seconds before it was read, to first order: lateness is small against what moves."""
+    """Signal `late` seconds before its reading, to first order, because the delay is short."""
     if late == 0.0 or len(x) < 2:
         return x
     slope = np.empty_like(x)
@@ -282,7 +282,7 @@ def _earlier(x: Floats, late: float, dt: float) -> Floats:
 
 
 def _exchange(units: Any, coolant: str) -> Any:
-    """Share of the gap that the stream takes up; by the bulk node it leaves no warmer than the surface."""
+    """Share of the gap that the stream takes up; with the bulk node it leaves no warmer than the surface."""
     return -np.expm1(-units) if coolant == "ntu" else np.minimum(units, 1.0)
 
 

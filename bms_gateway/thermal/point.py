@@ -1,11 +1,11 @@
-"""The heat balances at a set of instants, open to the effects of the catalogue.
+"""The heat balances at a set of instants, which the effects of the catalogue may change.
 
-A `Point` carries what the balances of a string need: inputs, temperatures, coefficients and heats. `Physics.rates`
-fills it from states and inputs, lets every effect change what it is about, and closes the balances. All arrays share
-their leading axes (the intervals of a record, or nothing live); the last axis counts the cells, or is 1 for what the
-cells have in common.
+A `Point` contains the quantities of a string's balances: inputs, temperatures, coefficients and heats. `Physics.rates`
+fills it from states and inputs, lets every effect change its part, and closes the balances. All arrays share their
+leading axes (the intervals of a record, or none live); the last axis counts the cells, or is 1 for quantities common to
+the cells.
 
-Lin et al., Eq 16-18, corrected as `thermal.string` says.
+Lin et al., Eq 16-18, corrected as in `thermal.string`.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from bms_gateway.thermal.parameters import Floats
 
 @dataclass(slots=True)
 class Point:
-    """Inputs, temperatures, coefficients and heats; effects change it in place, never its arrays.
+    """Inputs, temperatures, coefficients and heats; effects replace its arrays and never change them in place.
 
     Attributes
     ----------
@@ -32,17 +32,17 @@ class Point:
     R_e, R_c, R_u, C_c, C_s : ndarray, broadcastable to (…, n)
         Ω, K/W, K/W, J/K, J/K.
     C_f : ndarray, broadcastable to (…, n), W/K
-        Heat-capacity flow of the stream that leaves cell k; infinite where it does not warm up.
+        Heat-capacity flow of the stream that leaves cell k; infinite if it does not warm up.
     film_exponent : float
         Film flux grows as |T_s − T_f|^(1 + film_exponent).
     core, surface : ndarray (…, n), W
-        Heat made in the core; heat brought to the surface by anything but core, film and neighbours.
+        Heat made in the core; heat at the surface from sources other than core, film and neighbours.
     T_f, film, inner : ndarray (…, n)
         Coolant at the cell [°C], flux surface to coolant [W], flux core to surface [W].
     y : ndarray (…, n), °C
-        What a thermocouple on the cell reads.
+        Reading of a thermocouple on the cell.
     memory : dict
-        What an effect remembers of the inputs, by the key of the effect: ndarray (…, k).
+        An effect's memory of the inputs, by the key of the effect: ndarray (…, k).
     extra, extra_rates : dict
         An effect's own states and their rates [1/s], by the key of the effect: ndarray (…, n, k).
     key : str

@@ -15,7 +15,7 @@ The author of an effect puts one call into a test of the package that contains t
 >>> broken_properties(Radiation)
 ()
 
-With a wrong sign, or without the 273.15, the call says what is wrong:
+With a wrong sign, or without the 273.15, the call names the error:
 
 >>> class Reversed(Radiation):
 ...     def surroundings(self, z, p, at):
@@ -43,13 +43,13 @@ from bms_gateway.thermal.point import Point
 CELLS = 4
 INTERVALS = 120
 BALANCE = 1e-9
-"""Of the sum of all heat flows: rounding of a few hundred additions, and no more."""
+"""Relative to the sum of all heat flows: rounding of a few hundred additions."""
 SAME = 1e-7
-"""Relative: two evaluations of one law in other units."""
+"""Relative difference of two evaluations of one law in other units."""
 VISIBLE = 1e-6
-"""W/K or K/s: less of an effect is rounding."""
+"""W/K or K/s: a smaller influence is rounding."""
 STRING = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79, "R_cc": 4.0, "C_f": 11.33}
-"""Lin et al., Table 1, five of which stand along a stream of air."""
+"""Lin et al., Table 1; five such cells along a stream of air."""
 
 UNITS: Mapping[str, tuple[float, int, int]] = {
     "1": (1.0, 0, 0),
@@ -79,35 +79,35 @@ UNITS: Mapping[str, tuple[float, int, int]] = {
     "Ohm": (1.0, 1, -2),
     "mOhm": (1e-3, 1, -2),
 }
-"""Unit: its size in SI, and how often energy and charge are in it."""
+"""Unit: its size in SI, and its powers of energy and charge."""
 _OF_STRING = {"C_c": (1, 0), "C_s": (1, 0), "C_f": (1, 0), "R_c": (-1, 0), "R_u": (-1, 0), "R_cc": (-1, 0)}
 _OF_STRING |= {"R_e": (1, -2)}
 
 
 def broken_properties(effect: Effect | type[Effect]) -> tuple[str, ...]:
-    """Tell what an effect breaks of what every physical effect obeys.
+    """Return the properties of physical effects that an effect violates.
 
     Parameters
     ----------
     effect : Effect or class derived from it
-        Need not be installed.
+        It need not be installed.
 
     Returns
     -------
     tuple of str
-        One sentence for each property that is broken; empty for a sound effect.
+        One sentence for each violated property; empty for a sound effect.
 
     Notes
     -----
     Checked are: units and their size in SI; the neutral value is no effect; heat made = heat stored + heat to the
     coolant + heat to the surroundings, to 1e-9, in each coolant mode; a warmer surface gives off no less heat, to the
-    coolant and to the surroundings; a watt more in a core leaves no cell colder; what the effect says of itself
+    coolant and to the surroundings; one more watt in a core leaves no cell colder; the effect's own statement
     (`Effect.warms`) on discharge, above its surroundings; no special point at 0 °C; the same law in other units of
-    energy and of charge. Some tenths of a second.
+    energy and of charge. It takes some tenths of a second.
     """
     e = effect() if isinstance(effect, type) else effect
     found: dict[str, None] = {}
-    with np.errstate(all="ignore"):  # what is not finite is told in words
+    with np.errstate(all="ignore"):  # values that are not finite are reported below
         for check in (_units, _neutral, _energy, _losses, _heat, _declared, _celsius, _dimensions):
             found |= dict.fromkeys(check(e))
     return tuple(f"{e.name}: {sentence}" for sentence in found)
@@ -140,7 +140,7 @@ class _Case:
         self.memory, _ = self.physics.memory(u, self.v)
 
     def states(self, T_c: Floats, T_s: Floats) -> Floats:
-        """States (N, D) with the effect's own in balance."""
+        """States (N, D) with the effect's own states in balance."""
         return self.physics.start(T_c, T_s, self.v)
 
     def point(self, T_c: Floats, T_s: Floats) -> Point:
@@ -202,7 +202,7 @@ def _neutral(e: Effect) -> Iterator[str]:
     values = {p.name: p.prior if p.neutral is None else p.neutral for p in e.parameters}
     T_c, T_s = _temperatures()
     case = _Case(e, values, _drive())
-    # a neutral value that is a bound stands for infinity: a thousandth of the heat may be left
+    # a neutral value that is a bound represents infinity: a thousandth of the heat may remain
     left = 1e-3 if e.parameters[0].log else BALANCE
     rates, bare = case.rates(T_c, T_s), case.bare_rates(T_c, T_s)
     same = np.allclose(rates, bare, rtol=left, atol=left * float(np.abs(bare).max()))
@@ -232,7 +232,7 @@ def _energy(e: Effect) -> Iterator[str]:
 def _carried(z: Point, coolant: Coolant) -> tuple[Floats, Floats]:
     """Heat (N,) that the stream gains on its way along the string, W, and the sum of the gains' magnitudes.
 
-    Marched here from the inlet on, with what the effects have made of R_u, C_f, the film's exponent and the inlet.
+    Computed here from the inlet on, with R_u, C_f, the film's exponent and the inlet as changed by the effects.
     """
     R_u, C_f = (np.broadcast_to(x, z.T_s.shape) for x in (z.R_u, z.C_f))
     stream = np.broadcast_to(z.T_in[:, 0], z.T_s.shape[:1]).astype(float)
@@ -303,14 +303,14 @@ def _declared(e: Effect) -> Iterator[str]:
     def net(z: Point) -> Floats:
         return np.asarray(np.sum(z.core + z.surface - z.film, axis=1))
 
-    moved = (net(case.point(T_c, T_s)) - net(case.bare(T_c, T_s)))[INTERVALS // 2 :]  # memories have filled by then
+    moved = (net(case.point(T_c, T_s)) - net(case.bare(T_c, T_s)))[INTERVALS // 2 :]  # memories are filled by then
     if np.any(moved * e.warms <= 0.0):
         word = "warms" if e.warms > 0 else "cools"
         yield f"says that it {word} a string on discharge, and does not"
 
 
 def _celsius(e: Effect) -> Iterator[str]:
-    """0 °C is no special temperature: a law in °C that needs kelvin vanishes there, or has a pole."""
+    """Test that 0 °C is no special temperature: a law in °C that needs kelvin vanishes there, or has a pole."""
     ones = np.ones(INTERVALS)
 
     def done(T: float, which: str) -> float:
@@ -332,7 +332,7 @@ def _celsius(e: Effect) -> Iterator[str]:
 
 
 def _dimensions(e: Effect) -> Iterator[str]:
-    """Units of energy and of charge that are three times smaller: temperatures run as before."""
+    """Test with units of energy and of charge three times smaller: temperatures stay the same."""
     if e.constants or any(p.unit not in UNITS for p in e.parameters):
         return
     T_c, T_s = _temperatures(-10.0, 60.0)
@@ -360,6 +360,6 @@ def _dimensions(e: Effect) -> Iterator[str]:
 
 
 def _first(u: Drive) -> Drive:
-    """Take the first interval alone."""
+    """Return the first interval."""
     arrays = {n: getattr(u, n)[:1] for n in ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")}
     return Drive(u.dt, **arrays, known=u.known)

@@ -1,9 +1,9 @@
-r"""The jelly roll as a cylinder: a share of R_c lies within it, and heat takes its time from the axis to the edge.
+r"""The jelly roll as a cylinder: a share of R_c lies within it, and heat needs time from the axis to the edge.
 
 A uniformly heated cylinder with an insulated edge relaxes by modes j with the shares s_j = 8/x_j², where x_j are the
-zeros of the Bessel function J_1. Two states stand for the slow modes; the fast ones, done within a second or two, are
-a resistance s_0 beside that to the casing. With φ the share of R_c within the roll, f the flux into the casing, T_c the
-mean over the volume and m_i the departure of the edge by state i
+zeros of the Bessel function J_1. Two states represent the slow modes; the fast ones, which end within a second or two,
+are a resistance s_0 in series with that to the casing. With φ the share of R_c within the roll, f the flux into the
+casing, T_c the mean over the volume and m_i the difference at the edge by state i
 
 .. math::
     f &= \frac{T_c + \sum_i m_i - T_s}{R_c (1 - \varphi + \varphi s_0)} \\
@@ -26,15 +26,15 @@ FAST = 1.0 - float(SHARE.sum())
 PACE = np.array([0.509876, 0.062213])
 """p_i: time constant of each state in units of φ R_c C_c.
 
-With these numbers s_0 + Σ s_i/(1 + jω p_i) is nearest to Σ s_j/(1 + jω s_j) over all modes j, at 80 frequencies ω from
-0.3 to 60 that are even in their logarithm, under Σ s_i p_i = 1/3 as of all modes: the roll then stores as much heat
-under steady heating. The difference is 0.029 at most. A third state in place of s_0 halves it, but makes the fit of a
-window of twelve cells twice as dear, for changes within two seconds that readings of a bus do not show."""
+These numbers minimise the difference between s_0 + Σ s_i/(1 + jω p_i) and Σ s_j/(1 + jω s_j) over all modes j, at 80
+frequencies ω from 0.3 to 60 with equal ratios, under Σ s_i p_i = 1/3 as for all modes: the roll then stores as much
+heat under steady heating. The difference is 0.029 at most. A third state instead of s_0 halves it, but doubles the time
+of the fit of a window of twelve cells, for changes within two seconds that readings of a bus do not show."""
 STATES = len(SHARE)
 
 
 def with_roll(s: ContinuousString, p: StringParameters, share: float) -> ContinuousString:
-    """Spread a share of R_c over the jelly roll of each cell.
+    """Distribute a share of R_c over the jelly roll of each cell.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def with_roll(s: ContinuousString, p: StringParameters, share: float) -> Continu
     Returns
     -------
     ContinuousString
-        Of (2 + `STATES`) n states: those of `s`, then the departures of the edge, K, cell by cell.
-        `s` itself where φ is 0.
+        Of (2 + `STATES`) n states: those of `s`, then the differences at the edge, K, cell by cell. `s` itself if φ is
+        0.
     """
     if share == 0.0:
         return s
@@ -58,7 +58,7 @@ def with_roll(s: ContinuousString, p: StringParameters, share: float) -> Continu
     A = np.zeros((N + g * n, N + g * n))
     A[:N, :N] = s.A
     contact = p.R_c * (1.0 - share + share * FAST)
-    more = 1.0 / contact - 1.0 / p.R_c  # what the flux gains by the difference T_c − T_s
+    more = 1.0 / contact - 1.0 / p.R_c  # additional flux per difference T_c − T_s
     A[core, core] -= more / p.C_c
     A[core, casing] += more / p.C_c
     A[casing, core] += more / p.C_s
@@ -76,7 +76,7 @@ def with_roll(s: ContinuousString, p: StringParameters, share: float) -> Continu
 
 
 def resting(n: int, share: float) -> Floats:
-    """Give the map from the 2 n cores and casings to all states of `with_roll`: with the profile of steady heating."""
+    """Return the map from 2 n cores and casings to all states of `with_roll`, with the profile of steady heating."""
     g, N = STATES if share > 0.0 else 0, 2 * n
     out = np.zeros((N + g * n, N))
     out[:N] = np.eye(N)

@@ -1,7 +1,7 @@
 r"""A string of n cells along its coolant path as a linear system.
 
 State (paper, Eq 18): x = [T_c1, T_s1, T_c2, T_s2, …], °C. Inputs: heat q_k [W] made in the core of cell k (I²R_e, or
-whatever the current knowledge of the heat is) and the coolant inlet T_f_in [°C]. For cell k with n_k neighbours
+any better value of the heat) and the coolant inlet T_f_in [°C]. For cell k with n_k neighbours
 
 .. math::
     C_c \dot T_{c,k} &= q_k + (T_{s,k} - T_{c,k}) / R_c \\
@@ -9,10 +9,10 @@ whatever the current knowledge of the heat is) and the coolant inlet T_f_in [°C
                         + \sum_j (T_{s,j} - T_{s,k}) / R_{cc} \\
     T_{f,k} &= (1 - e_{k-1}) T_{f,k-1} + e_{k-1} T_{s,k-1}, \qquad T_{f,1} = T_{f,in}
 
-with e = 1/(R_u C_f), the paper's bulk node (Eq 16), or e = 1 − exp(−1/(R_u C_f)), the exact exchange of a stream with
-a wall of constant temperature (NTU). In both the surface gives off what the stream takes up, C_f e per kelvin: for the
-bulk node and for a stream that does not warm up this is 1/R_u. Corrections to the paper's print: end cells have one
-neighbour, not two (Eq 16); R_s is R_u (Eq 17); entry (3,4) is 1/(R_c C_c) (Eq 18).
+with e = 1/(R_u C_f), the paper's bulk node (Eq 16), or e = 1 − exp(−1/(R_u C_f)), the exact exchange of a stream with a
+wall of constant temperature (NTU). In both, the surface gives off what the stream takes up, C_f e per kelvin: 1/R_u for
+the bulk node and for a stream that does not warm up. Corrections to the paper's print: end cells have one neighbour,
+not two (Eq 16); R_s is R_u (Eq 17); entry (3,4) is 1/(R_c C_c) (Eq 18).
 """
 
 from dataclasses import dataclass
@@ -50,12 +50,12 @@ def exchange(p: StringParameters) -> Floats:
     Returns
     -------
     ndarray (n,)
-        0 where the stream does not warm up (C_f infinite).
+        0 if the stream does not warm up (C_f infinite).
 
     Raises
     ------
     ConfigError
-        Bulk node with R_u C_f ≤ 1: the stream would leave hotter than the cell; the user takes "ntu" or mends C_f.
+        Bulk node with R_u C_f ≤ 1: the stream would leave hotter than the cell; the user needs "ntu" or a larger C_f.
 
     References
     ----------
@@ -73,12 +73,12 @@ def exchange(p: StringParameters) -> Floats:
 
 
 def film(p: StringParameters) -> Floats:
-    """Conductance from each surface to the coolant that meets its cell, W/K: what the stream takes up, C_f e_k.
+    """Conductance from each surface to the coolant at its cell, W/K: heat into the stream per kelvin, C_f e_k.
 
     Returns
     -------
     ndarray (n,)
-        1/R_u for the bulk node and where the stream does not warm up (C_f infinite); below it for "ntu", where the
+        1/R_u for the bulk node and for a stream that does not warm up (C_f infinite); less for "ntu", because the
         stream warms along the cell.
 
     References
@@ -109,7 +109,7 @@ def coolant_path(p: StringParameters) -> tuple[Floats, Floats]:
 
     References
     ----------
-    Lin et al., Eq 16 and 17, put into each other.
+    Lin et al., Eq 16 and 17, combined.
     """
     n, e = p.cells, exchange(p)
     M, m = np.zeros((n, n)), np.ones(n)
@@ -125,7 +125,7 @@ def continuous(p: StringParameters) -> ContinuousString:
 
     References
     ----------
-    Lin et al., Eq 1 (one cell), Eq 16–18 (string), corrected as this module's docstring says.
+    Lin et al., Eq 1 (one cell), Eq 16–18 (string), corrected as in this module's docstring.
 
     Examples
     --------

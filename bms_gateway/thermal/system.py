@@ -1,4 +1,4 @@
-"""The heat balances of a string together with given inputs and parameters, as `trajectory` solves them."""
+"""The heat balances of a string together with given inputs and parameters, for the solver in `trajectory`."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class System:
         Inputs over N intervals.
     v : Numbers
     memory : Memory
-        As `Physics.memory` gives it for `u` and `v`.
+        From `Physics.memory` for `u` and `v`.
     spans : sequence of Span
-        Stretches with one start each, which cover the intervals in order; none stands for one stretch.
+        Stretches with one start each, which cover the intervals in order; none means one stretch.
     """
 
     physics: Physics

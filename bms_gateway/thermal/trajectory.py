@@ -38,9 +38,9 @@ SUBSTEPS = 8
 CACHE = 120_000
 """Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
 WIDE = 1_000
-"""States times columns from which the recursion takes one step after the other: each product is then large enough."""
+"""States times columns above which the recursion takes single steps: each product is then large enough."""
 TERMS, LEAST_SIZE = 14, 0.5
-"""Terms of the exponential's series, and the norm of a matrix for which they are exact to the last digit."""
+"""Terms of the exponential's series, and the norm of a matrix up to which they are exact to the last digit."""
 NUDGE = 1e-4
 """K: step for slopes of the balances; a thousandth of the width of the narrowest peak, far above rounding."""
 COLD, HOT = -200.0, 1000.0
@@ -55,7 +55,7 @@ class Recursion:
     A : ndarray (D, D), 1/s
     dt : float, s
     steps : int
-        Number of steps usually taken: sets the length of a block.
+        Usual number of steps: determines the length of a block.
     """
 
     def __init__(self, A: Floats, dt: float, steps: int) -> None:
@@ -72,7 +72,7 @@ class Recursion:
         self._ends = np.concatenate(powers[::-1], axis=1)
 
     def with_steps(self, dt: float, steps: int) -> "Recursion":
-        """Return the recursion with steps of another length; the last one is stored."""
+        """Return the recursion with steps of another length; the last such recursion is stored."""
         if self._longer is None or self._longer.dt != dt:
             self._longer = Recursion(self.A, dt, steps)
         return self._longer
@@ -97,7 +97,7 @@ class Recursion:
         return out.transpose(2, 1, 0)
 
     def _step(self, x0: Floats, w: Floats, out: Floats) -> None:
-        """Run many columns of a long string: in steps, and with those rows of `w` alone in which there is anything."""
+        """Run many columns of a long string in steps, using only rows of `w` that are not zero."""
         driven = np.flatnonzero(w.any(axis=(0, 2)))
         x = np.ascontiguousarray(x0)
         out[..., 0] = x.T
@@ -120,7 +120,7 @@ class Recursion:
             drive[rest:, ..., full] = 0.0
             drive[:rest, ..., full] = w[..., full * m :].transpose(2, 1, 0)
         drive = np.matmul(self.Gamma, drive.reshape(m, D, P * blocks))
-        # where each block would end if it started from zero; then where it starts; then every step of all blocks
+        # the end of each block if it started from zero; then its true start; then every step of all blocks
         ends = (self._ends @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
         starts = np.empty((D, P, blocks))
         x = x0
@@ -218,13 +218,13 @@ def simulate(
     starts : sequence of ndarray (D,)
         State at the start of each span, °C.
     recursion : Recursion
-        From `reference`; any near one will do, the result depends on it only in the order of dt².
+        From `reference`; any near one is enough, its influence on the result is of the order of dt².
     guess : ndarray (N + 1, D), optional
         A trajectory near the result saves sweeps.
     tolerance : float, K
     halve : bool
-        Whether a span on which the sweeps do not settle is halved until they do. A recursion about these very numbers
-        is the better thing to try first.
+        Whether a span on which the sweeps do not converge is halved until they do. A recursion about these very numbers
+        is a better first choice.
 
     Returns
     -------
@@ -260,7 +260,7 @@ def sensitivities(
     recursion : Recursion
     variations : sequence of Variation, P
     refinements : int
-        Sweeps that add what the reference Jacobian does not hold; none are needed where an effect is steep.
+        Sweeps that add what the reference Jacobian lacks; not needed if an effect is steep.
 
     Returns
     -------
@@ -323,7 +323,7 @@ def _relax(
 
 
 def _halved(system: System, x0: Floats, guess: Floats, tolerance: float) -> Floats:
-    """Solve the first half, then the second from where it ends, each about its own mean."""
+    """Solve the first half, then the second half from its end, each about its own mean."""
     N = system.u.N
     found = []
     for first, last in ((0, N // 2), (N // 2, N)):
@@ -338,9 +338,9 @@ def _halved(system: System, x0: Floats, guess: Floats, tolerance: float) -> Floa
 
 
 def _marched(system: System, x0: Floats) -> Floats:
-    r"""Step through a stretch by :math:`X \leftarrow X + h \varphi_1(hJ) f(X)`, J where the step begins.
+    r"""Step through a stretch by :math:`X \leftarrow X + h \varphi_1(hJ) f(X)`, with J at the start of each step.
 
-    Stable however steep the balances are, where sweeps run away: a capacity that a narrow melting peak multiplies.
+    It is stable for any steepness where sweeps diverge: a capacity that a narrow melting peak multiplies.
 
     References
     ----------
@@ -359,7 +359,7 @@ def _marched(system: System, x0: Floats) -> Floats:
 
 
 def _slopes(system: System, X: Floats, f: Floats) -> Floats:
-    """Jacobians (N, D, D) of the balances at states X (N, D), where they are `f`."""
+    """Jacobians (N, D, D) of the balances at states X (N, D), where their rates are `f`."""
     D = X.shape[1]
     moves = NUDGE * np.eye(D)
     return np.stack([(system.rates(X + moves[d]) - f) / NUDGE for d in range(D)], axis=-1)

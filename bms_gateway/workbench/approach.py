@@ -1,8 +1,7 @@
-"""An addition while it is being fitted: errors and curves after every step of Gauss and Newton, for the eye.
+"""An addition while it is being fitted: errors and curves after every Gauss–Newton step, for display.
 
-By the search's own functions, from the search's own baseline, one effect at its most promising place: each model as
-close to the readings as it comes. What is kept in the end, whether it may be, and its numbers are `add_effects`' to
-say.
+It uses the search's functions and baseline, with one effect at its most promising place, and shows each model as close
+to the readings as it comes. `add_effects` decides on the final model, its numbers, and whether it is accepted.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,15 +27,15 @@ from bms_gateway.workbench.documents import stair
 from bms_gateway.workbench.pictures import preview
 
 STEPS = 10
-"""Of one effect; three to five bring it to its optimum."""
+"""Greatest number of steps of one effect; three to five reach the optimum."""
 SEEN = 0.01
-"""Of the cost: a step that gains less moves no bar by a pixel, and is not shown."""
+"""As a share of the cost: a smaller gain moves no bar by a pixel, and is not shown."""
 SETTLED = 1.0
-"""Cost, that is twice the log of the likelihood: a step that gains less was the last."""
+"""Cost, twice the log of the likelihood: a step that gains less was the last one."""
 PICTURE_S = 0.25
-"""Between two pictures of the curves: the page draws a few a second."""
+"""Time between two pictures of the curves: the page draws a few a second."""
 POINTS = 3000
-"""Of all curves of one picture together."""
+"""Points of all curves of one picture together."""
 Show = Callable[[dict[str, Any]], None]
 
 
@@ -54,12 +53,12 @@ def approach(
     model : StringModel
     records : sequence of Record
     wants : sequence of Wanted
-        Led in one after the other.
+        Added one after the other.
     known : Diagnosis or None
-        Of the same model and records, where there is one: spares the fit without the effects.
+        For the same model and records, if there is one: replaces the fit without the effects.
     show : callable
-        Gets the errors `before` and so far, `after`, as `stair` gives them; and `curves`, by the name of the figure,
-        where the last ones are `PICTURE_S` old: model and residual as they are so far.
+        Gets the errors `before` and at present, `after`, in the form of `stair`; and `curves`, by the name of the
+        figure, if the last ones are `PICTURE_S` old: present model and residual.
     """
     start = model.unfitted
     base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
@@ -83,7 +82,7 @@ def approach(
 
 
 def _steps(parent: MapFit, w: Wanted) -> Iterator[MapFit]:
-    """Give the fits on the way to the optimum with an effect more; none where it cannot show in these records."""
+    """Yield the fits on the way to the optimum with one more effect; none if these records cannot show the effect."""
     y = stacked(parent.problem)[0]
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
     offered = candidates(parent.problem.model, parent.problem.records[0].drive, surfaces)

@@ -1,7 +1,7 @@
-"""What one tab of the browser works on: records read once, and what was last made of them.
+"""Data of one tab of the browser: records that were read once, and the latest results from them.
 
-Every answer follows from the request alone: files, model and words. What is kept here only saves work, so a worker
-that was ended in the middle of something can be replaced by a fresh one.
+Every answer follows from the request alone: files, model and words. The stored data only save work, so a worker that
+was ended during a task can be replaced by a new one.
 """
 
 import tempfile
@@ -47,19 +47,21 @@ from bms_gateway.workbench.series import Shelf
 from bms_gateway.workbench.tracks import about, track
 
 MOST_MADE = 4
-"""Models of which it is remembered what was made of them: fits take tens of megabytes."""
+"""Number of models whose results are kept: fits take tens of megabytes."""
 MOST_NUMBERS = 8 << 20
-"""Numbers of a table or log: a million rows of eight columns. Made into a record they take half a gigabyte."""
+"""Numbers in a table or log: a million rows of eight columns. As a record they take half a gigabyte."""
 MOST_LOOKED = 40
-"""Tables whose columns are shown before they are opened."""
+"""Number of tables whose columns are shown before they are opened."""
 READING = 0.5
 """Share of the work of opening that is reading a table; what is made of it takes the rest."""
+SHOWN_FITS = 0.5
+"""Share of the work of an addition that goes by while its fits are shown, where the diagnosis is known."""
 Tell = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What is opened: as a command line names it."""
+    """The opened files, named as on a command line."""
 
     tables: tuple[str, ...]
     model: str
@@ -69,22 +71,22 @@ class Files:
     each: tuple[tuple[str, ...], ...] = ()
 
     def of_table(self, k: int) -> tuple[str, ...]:
-        """Columns of one table: those of all, and its own."""
+        """Columns of one table: the common ones, and its own."""
         return (*self.columns, *(self.each[k] if k < len(self.each) else ()))
 
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> "Files":
-        """Read them from a request."""
+        """Read the names from a request."""
         config, string = request.get("config") or "", request.get("string") or ""
         if request.get("recent") and not config:
-            string = ""  # it said what to take of the gateway's signals
+            string = ""  # it stated what to take of the gateway's signals
         columns, each = tuple(request.get("columns") or ()), tuple(tuple(x) for x in request.get("each") or ())
         return cls(tuple(request["tables"]), request["model"], config, string, columns, each)
 
 
 @dataclass(slots=True)
 class _Made:
-    """What was made of one model: for the report, which shows the same."""
+    """Results of one model, kept for the report, which shows the same."""
 
     comparison: Comparison | None = None
     told: Told | None = None
@@ -101,16 +103,16 @@ class Bench:
         self._made: OrderedDict[str, _Made] = OrderedDict()
 
     def answer(self, request: Mapping[str, Any], tell: Tell, show: Show) -> documents.Document:
-        """Do what a request asks.
+        """Carry out a request.
 
         Parameters
         ----------
         request : mapping
-            `do`, the files, and what else the task takes.
+            `do`, the files, and the further inputs of the task.
         tell : callable
-            Told the share of the work done and what is being done.
+            Gets the share of the work done and the present step.
         show : callable
-            Told how far an addition has come.
+            Gets the progress of an addition.
 
         Raises
         ------
@@ -132,11 +134,11 @@ class Bench:
             return self._model(request, moving.step, show)
 
     def _model(self, request: Mapping[str, Any], tell: Tell, show: Show) -> documents.Document:
-        """Do what a request asks of a model."""
+        """Carry out a request about a model."""
         text = request["text"]
         match request["do"]:
             case "compare":
-                return self._compare(text, request["name"], Path(request["folder"]))
+                return self._compare(text, request["name"], Path(request["folder"]), tell)
             case "diagnose":
                 return self._diagnose(text, tell)
             case "add":
@@ -162,7 +164,7 @@ class Bench:
                 seen=seen,
             ),
         )
-        # where an upload lies here means nothing to those who read of it
+        # readers of the result do not know the folder of an upload
         self._records = [replace(r, source=_named(r.source, folder)) for r in read]
         self._files, self._filed = files, model
         self._made.clear()
@@ -182,8 +184,7 @@ class Bench:
             about(Path(t), opened.of_table(k), r)
             for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
         ]
-        surfaces = [list(x.surface_C) for x in rows]
-        document = documents.opened(self._filed, self._records, findings, notes, told_of, surfaces)
+        document = documents.opened(self._filed, self._records, findings, notes, told_of)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
         document["figures"] = pictures.readings(
@@ -208,7 +209,7 @@ class Bench:
         return {"figure": figure}
 
     def _of(self, text: str) -> _Made:
-        """Give what was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""
+        """Return the results of this model; of more than `MOST_MADE` models, the one unused for longest is removed."""
         made = self._made.setdefault(text, _Made())
         self._made.move_to_end(text)
         if len(self._made) > MOST_MADE:
@@ -223,8 +224,10 @@ class Bench:
             made.comparison = compare(model, self._records)
         return made.comparison
 
-    def _compare(self, text: str, name: str, folder: Path) -> documents.Document:
+    def _compare(self, text: str, name: str, folder: Path, tell: Tell) -> documents.Document:
+        tell(READING, "fitting the numbers of the model")
         c, shelf = self._comparison(text), Shelf(folder)
+        tell(0.8, "drawing")
         document = documents.compared(c, name)
         steps = [(name, c.refitted)]
         if name == REFITTED:  # the first model that is compared
@@ -250,17 +253,23 @@ class Bench:
         sound(findings)
         check_signals(wants, self._records)
         known = self._known(model)
-        tell(0.02, "fitting step by step")
         names = named_all(w.key for w in wants)
-        approach(
-            model, self._records, wants, known, lambda trial: show({"names": names, "step": with_added(names), **trial})
-        )
+        trials, most = count(1), SHOWN_FITS if known else 0.1  # a search, where none was made, takes most of the time
+
+        def shown(trial: dict[str, Any]) -> None:
+            show({"names": names, "step": with_added(names), **trial})
+            tell(most * (1.0 - 0.8 ** next(trials)), "fitting step by step")
+
+        tell(0.0, "fitting step by step")
+        approach(model, self._records, wants, known, shown)
 
         def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
             return known or diagnose(unfitted, records, progress=progress)
 
-        tell(0.1, "searching for other explanations")
-        addition = add_effects(model, self._records, wants, lambda share, what: tell(0.1 + 0.9 * share, what), ask)
+        tell(most, "searching for other explanations")
+        addition = add_effects(
+            model, self._records, wants, lambda share, what: tell(most + (1.0 - most) * share, what), ask
+        )
         report = added_report(addition, self._records, findings, notes, out="the model on this page", force=force)
         document = documents.added(report, addition, words)
         if report.written:
@@ -270,7 +279,7 @@ class Bench:
         return document
 
     def _known(self, model: StringModel) -> Diagnosis | None:
-        """Give the diagnosis of a model from which every fit of it starts, where it was asked for already."""
+        """Return the diagnosis of a model before any data, if it was already made."""
         start = repr(model.unfitted)
         told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
         return next((t.diagnosis for t in told if t.diagnosis), None)
@@ -293,19 +302,19 @@ class Bench:
             write_addition(path, report, addition, command, remains, step)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
-            # an addition of a process that was ended since is shown by what it left: its model against the readings
+            # an addition of a process that has ended is shown by its result: its model against the readings
             how = command if kind == "compare" else ""
             write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
         return {"path": str(path)}
 
 
 def _named(text: str, folder: Path) -> str:
-    """Leave out of a text where the uploads of a tab lie."""
+    """Remove the folder of a tab's uploads from a text."""
     return text.replace(f"{folder}/", "")
 
 
 def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str, Any], list[str]]:
-    """Write what is wanted of the gateway's recent signals as one more table, which stays as it is; and notes on it."""
+    """Write the requested part of the gateway's recent signals as one more table; return the files and notes."""
     recent, said = files.get("recent"), list[str]()
     if not recent or recent.get("table"):
         return dict(files), said
@@ -320,7 +329,7 @@ def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str
 
 
 def _made(files: dict[str, Any], folder: Path, tell: Tell) -> tuple[dict[str, Any], list[str]]:
-    """Make the model and the config that were described instead of named; and what there is to say of them."""
+    """Make the model and the config that were described instead of named; return them with notes."""
     if not files.get("dbc") and (files.get("model") or not files.get("form")):
         return files, []
     from bms_gateway.workbench.form import with_config, with_model  # the room of `init` comes when it is needed

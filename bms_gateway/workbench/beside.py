@@ -1,4 +1,4 @@
-"""Several records in one picture: curves of others are moved onto the axis of the one that is shown."""
+"""Several records in one picture: curves of other records are moved onto the axis of the shown one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ from bms_gateway.errors import UsageError
 Document = dict[str, Any]
 By = Literal["start", "clock"]
 KINDS = ("surface", "drive", "core")
-"""Figures in which records can be laid over each other."""
+"""Figures in which several records can be shown together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Which other records are shown, by their place, and by what they are aligned."""
+    """The other shown records, by index, and the kind of alignment."""
 
     records: tuple[int, ...]
     by: By = "start"
 
     @classmethod
     def of(cls, records: str, by: str) -> "Beside | None":
-        """Read a request; None where none is shown.
+        """Read a request; None if no other record is shown.
 
         Raises
         ------
@@ -37,9 +37,9 @@ class Beside:
         return cls(tuple(sorted({int(p) for p in parts})), by)  # type: ignore[arg-type]  # looked up just now
 
     def shift_s(self, records: Sequence[Mapping[str, Any]], shown: int, other: int) -> float | None:
-        """Say by how much the other record is moved, s; None where its wall clock is not known, or is of another kind.
+        """Return the shift of the other record, s; None if its wall clock is not known, or is of another kind.
 
-        Times of the day go with times of the day, dates with dates.
+        Times of the day are compared with times of the day, dates with dates.
         """
         if self.by == "start":
             return 0.0
@@ -50,7 +50,7 @@ class Beside:
 
 
 def place_of(name: str, record: int) -> str | None:
-    """Give the name of the figure of another record; None where records are not laid over each other in it.
+    """Return the name of the figure of another record; None if this figure cannot show several records.
 
     Examples
     --------
@@ -63,16 +63,16 @@ def place_of(name: str, record: int) -> str | None:
 
 
 def moved(figure: Document, onto: Mapping[str, Any], shift_s: float, source: str, record: int) -> Document:
-    """Give the curves of a joined figure on the axis of another.
+    """Return the curves of a joined figure on the axis of another.
 
     Parameters
     ----------
     figure, onto : dict
         With `seconds` of their axes.
     shift_s : float
-        How much later the record began.
+        Start of the record, later by this time.
     source, record : str, int
-        Of the one that is moved.
+        Of the moved record.
     """
     scale, shift = figure["seconds"] / onto["seconds"], shift_s / onto["seconds"]
     axes = {d["name"]: d.get("yaxis") for d in onto["data"]}
@@ -83,7 +83,7 @@ def moved(figure: Document, onto: Mapping[str, Any], shift_s: float, source: str
             return {k: there(v) for k, v in x.items() if k != "kept"} | kept
         return x
 
-    # what the record that is shown has no axis for is left out
+    # curves without an axis in the shown record are left out
     data = [
         {**there(d), "yaxis": axes.get(d["name"]) or "y"}
         for d in figure["data"]

@@ -1,4 +1,4 @@
-"""The command lines that do the same as the page, the files that they read, and the lines for the gateway's config."""
+"""Command lines with the same effect as the page, the files that they read, and the lines for the gateway's config."""
 
 import json
 import re
@@ -10,13 +10,13 @@ from typing import Any
 
 PROGRAM = "bms-gateway"
 UNNAMED = "string_1"
-"""What a string is called of which no name is known."""
+"""Name of a string without a known name."""
 NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-"""What a config takes as the name of a string."""
+"""Allowed names of strings in a config."""
 
 
 def model_name(model: str, step: int) -> str:
-    """Name the model file after so many additions.
+    """Name the model file after this number of additions.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def model_name(model: str, step: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One model of the way: effects added to the one before, whether by force, whether it was diagnosed."""
+    """One model of the session: effects added to the previous model, whether by force, and whether it was diagnosed."""
 
     words: Sequence[str] = ()
     forced: bool = False
@@ -36,19 +36,19 @@ class Leg:
 
 
 def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
-    """Write what was done as commands.
+    """Write the steps as commands.
 
     Parameters
     ----------
     files : mapping
-        What is open, by path.
+        The open files, by path.
     way : sequence of Leg
-        The model from its file, and those that were made of it.
+        The model from its file, and the models made from it.
 
     Returns
     -------
     list of str
-        To be typed one after the other; the last one makes the report of what the page shows.
+        To be entered one after the other; the last one makes the report of the shown step.
     """
     tables, model = [_plain(str(t)) for t in files["tables"]], _plain(str(files["model"]))
     columns, differ = _columns(files)
@@ -74,7 +74,7 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
 
 
 def _columns(files: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-    """Give the columns of all tables; and where each table has its own, remarks on them: no command takes several."""
+    """Return the common columns of all tables; if tables have their own, also remarks: no command takes several."""
     shared, each = list(files.get("columns") or ()), [list(x) for x in files.get("each") or ()]
     own = [*each, *([[]] * (len(files["tables"]) - len(each)))]
     if all(x == own[0] for x in own):
@@ -93,19 +93,19 @@ def _export(files: Mapping[str, Any]) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Keep a shell's command from taking a name for an option."""
+    """Prevent a shell command from reading a name as an option."""
     return f"./{name}" if name.startswith("-") else name
 
 
 def files_read(files: Mapping[str, Any], folder: Path) -> list[str]:
-    """Name the files of a tab's folder that the commands read: uploads, and what was made there of them.
+    """Name the files of a tab's folder that the commands read: uploads, and files made from them there.
 
     Parameters
     ----------
     files : mapping
-        What is open, by path.
+        The open files, by path.
     folder : Path
-        Of the tab. Of a config that lies there, all that lies beside it may be a part: models of strings, DBC files.
+        Of the tab. For a config in it, all files beside it may belong to the config: models of strings, DBC files.
     """
     named = [*files["tables"], files["model"], files.get("config") or "", *(files.get("dbc") or ())]
     mine = [Path(x) for x in named if x and Path(x).parent == folder]
@@ -119,15 +119,15 @@ BESIDE = (".toml", ".dbc", ".kcd", ".arxml", ".sym")
 
 
 def config_lines(files: Mapping[str, Any], steps: int) -> str:
-    """Write the lines of the gateway's config by which it estimates with the model.
+    """Write the lines of the gateway's config with which it uses the model.
 
-    The string has the name by which it was opened; else that of its model file, which `init` and the live page call
-    by the string.
+    The string has the name under which it was opened; otherwise that of its model file, which `init` and the live page
+    name after the string.
     """
     own = Path(str(files["model"])).stem
     name = files.get("string") or (own if NAME.fullmatch(own) and not files.get("form") else UNNAMED)
     model = Path(model_name(str(files["model"]), steps)).name
-    # a string of JSON is one of TOML
+    # a JSON string is a TOML string
     return (
         f"[[string]]\nname = {json.dumps(name, ensure_ascii=False)}\nmodel = {json.dumps(model, ensure_ascii=False)}\n"
     )

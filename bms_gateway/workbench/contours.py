@@ -1,7 +1,7 @@
-"""What a fit knows of its numbers two by two: the page draws the contours of any two of them.
+"""Uncertainty of a fit's numbers in pairs: the page draws the contours of any two of them.
 
-The posterior is taken for a Gaussian of the fit's coordinates. Most of these are logarithms, so that a contour of the
-numbers themselves is an ellipse that is bent where they are known badly.
+The posterior is treated as a Gaussian of the fit's coordinates. Most of these are logarithms, so a contour of the
+numbers themselves is an ellipse that is bent if they are uncertain.
 """
 
 from typing import Any
@@ -15,9 +15,9 @@ from bms_gateway.report.html_tables import called, shown_as
 
 
 def known(fit: MapFit) -> dict[str, Any]:
-    """Give each number of a fit that is no start, with what was known of it before, and the covariance of all.
+    """Return each number of a fit except the starts, with its prior, and the covariance of all.
 
-    A number is `scale` times its coordinate, or times the exponential of it where `log` says so.
+    A number is `scale` times its coordinate, or times its exponential if `log` is set.
     """
     at = shown(fit)
     numbers = []

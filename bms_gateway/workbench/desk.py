@@ -1,7 +1,7 @@
 """State of one tab: open files, the models from the first to the newest, the running task; it never computes.
 
-Everything that the page shows is in `state`. A thread that waits for a change waits for a new `version`. Each tab has a
-desk of its own.
+Everything that the page shows is in `state`. A thread that waits for a change waits for a new `version`. Each tab has
+its own desk.
 """
 
 import threading
@@ -13,6 +13,7 @@ from typing import Any
 from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.workbench.beside import Beside, moved, place_of
+from bms_gateway.workbench.busy import BusyError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
@@ -33,7 +34,7 @@ TITLES = {
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
 LOOK_S = 120.0
-"""For a look at tables to end, before what comes next; a starved machine takes half a minute for four."""
+"""Time to wait for a look at tables before the next task; a busy machine takes half a minute for four."""
 
 
 class Desk:
@@ -42,7 +43,7 @@ class Desk:
     Parameters
     ----------
     name : str
-        By which the tab calls it.
+        Identifier of the tab.
     shared : Shared, optional
         Answers of all tabs; without it everything is computed here.
     """
@@ -50,7 +51,7 @@ class Desk:
     def __init__(self, name: str, shared: Shared | None = None) -> None:
         self.name = name
         self._shared = shared
-        self._key, self._waits = "", False  # of the request, where it is shared; and whether another tab computes it
+        self._key, self._waits = "", False  # of the request, if shared; and whether another tab computes it
         self.changed = threading.Condition()
         self.version = 0
         self.uploads = Uploads()
@@ -73,7 +74,7 @@ class Desk:
 
     @property
     def folder(self) -> Path:
-        """Where its uploads lie."""
+        """Folder of its uploads."""
         return self.uploads.folder
 
     @property
@@ -82,7 +83,7 @@ class Desk:
         return self._worker.alive
 
     def rest(self) -> bool:
-        """End its process where it does nothing; the work stays, and the next task starts another process."""
+        """End its process if it is idle; the work is kept, and the next task starts another process."""
         with self.changed:
             if self._job is not None or self._closed:
                 return False
@@ -91,7 +92,7 @@ class Desk:
         return True
 
     def close(self) -> None:
-        """End its process, and throw its uploads away."""
+        """End its process, and delete its uploads."""
         with self.changed:
             self._closed = True
             self._leave()
@@ -103,7 +104,7 @@ class Desk:
     # what the page asks for
 
     def open(self, files: Document, kept: Document | None = None) -> None:
-        """Read files anew; what is on the desk stays until they are read; `kept` are diagnoses of a session."""
+        """Read files anew; the present content stays until they are read; `kept`: diagnoses of a session."""
         if not files["tables"] and not files.get("recent"):
             raise UsageError("open: choose a table or a log first, or the gateway's recent window")
         if not files["model"] and not files.get("form") and not files.get("dbc"):
@@ -114,7 +115,7 @@ class Desk:
         self._start("open", {"files": files, "kept": kept})
 
     def look(self, files: Document) -> None:
-        """Look at the tables: their columns, and what they may be; what is open stays."""
+        """Look at the tables: their columns and possible meaning; the open files are kept."""
         if not files["tables"]:
             raise UsageError("look: choose a table first")
         self._start("look", {"files": files})
@@ -122,28 +123,28 @@ class Desk:
     def resume(
         self, files: Document, additions: Sequence[Addition], notes: str = "", kept: Document | None = None
     ) -> None:
-        """Open the files of a session, and go its way again: one addition after the other, until one is refused.
+        """Open the files of a session and repeat its additions one after the other, until one is refused.
 
-        What its diagnoses said stands again beside their models, where records and model are the same.
+        Its diagnoses are shown again with their models, if records and model are the same.
         """
         self.cancel()
         self.open(files, kept)
         with self.changed:
-            self._to_resume.to_come = list(additions)
+            self._to_resume.to_come, self._to_resume.going = list(additions), True
             self._notes = notes
 
     def note(self, notes: str) -> None:
-        """Keep what a person writes, also while something runs."""
+        """Store a person's notes, also while a task runs."""
         with self.changed:
             self._notes = notes
             self._told()
 
     def compare(self) -> None:
-        """Hold the newest model against the readings."""
+        """Compare the newest model with the readings."""
         self._start("compare", {"files": self.files, "text": self._top.text, "name": self._top.label})
 
     def diagnose(self) -> None:
-        """Ask what the newest model lacks."""
+        """Find what the newest model lacks."""
         self._start("diagnose", {"files": self.files, "text": self._top.text})
 
     def add(self, words: list[str], *, force: bool = False) -> None:
@@ -164,7 +165,7 @@ class Desk:
             self._told()
 
     def cancel(self) -> None:
-        """End what runs."""
+        """End the running task."""
         with self.changed:
             self._to_resume.abandon()
             if self._job is None:
@@ -176,7 +177,7 @@ class Desk:
         worker.end()
 
     def report(self) -> Path:
-        """Write the report of what the page shows, and wait for it.
+        """Write the report of the shown content, and wait for it.
 
         Raises
         ------
@@ -197,7 +198,7 @@ class Desk:
         return path
 
     def session(self) -> Document:
-        """Files by name, what was added to the model, and notes: what `resume` needs."""
+        """Return files by name, additions to the model, and notes: the input of `resume`."""
         with self.changed:
             files = self._named()
             if files is None:
@@ -205,13 +206,13 @@ class Desk:
             return self._session(files)
 
     def model(self) -> str:
-        """Newest model file, with what is to be doubted of it on top."""
+        """Return the newest model file, with the doubts about it at its head."""
         with self.changed:
             text = self._top.text
             return "".join(f"# {line}\n" for line in doubt_lines(self._frames)) + text
 
     def track(self, record: int, column: str) -> None:
-        """Read one more column of a record's table, to be drawn as a track of its own."""
+        """Read one more column of a record's table, to be drawn as a separate track."""
         records = (self._opened or {}).get("records", [])
         if not 0 <= record < len(records):
             raise UsageError(f"track: there is no record {record + 1}")
@@ -225,7 +226,7 @@ class Desk:
         self._start("track", {"files": self.files, "record": record, "column": column, "name": name})
 
     def figure(self, name: str, window: Window | None = None, beside: Beside | None = None) -> Document | None:
-        """Figure with what each step draws into it, whole or a window of its axis; None where there is none."""
+        """Return a figure with the curves of each step, whole or in a window of its axis; None if there is none."""
         found = self._whole(name, beside)
         if found is None:
             return None
@@ -249,7 +250,7 @@ class Desk:
             return []
 
     def _whole(self, name: str, beside: Beside | None) -> Document | None:
-        """Give a figure with keys of its series in place of numbers; other records beside it."""
+        """Return a figure with keys of its series instead of numbers, and with other records if requested."""
         with self.changed:
             own = self._parts(name)
             if own is None:
@@ -280,7 +281,7 @@ class Desk:
         return found
 
     def _parts(self, name: str) -> tuple[Document, list[tuple[str, bool, Document]]] | None:
-        """Find a figure, and what each step draws into it."""
+        """Find a figure, and the curves of each step in it."""
         figure = (self._opened or {}).get("figures", {}).get(name) or self._tracks.get(name)
         if figure is None and self._frames:
             figure = self._frames[0].figures.get(name)
@@ -294,18 +295,18 @@ class Desk:
         ]
 
     def curves(self, name: str) -> Document | None:
-        """Curves of an effect of the last diagnosis."""
+        """Return the curves of an effect of the last diagnosis."""
         with self.changed:
             frame = self._diagnosed()
             return frame.curves.get(name) if frame else None
 
     def fitting(self, name: str) -> Document | None:
-        """Curves of a figure by what is being fitted, as it is so far; None where nothing is."""
+        """Return the present curves of a figure during an addition; None if there is none."""
         with self.changed:
             return self._fitting[1].get(name) if (self._job or {}).get("trial") else None
 
     def state(self) -> Document:
-        """All that the page shows, figures and curves by name only."""
+        """Return all that the page shows, with figures and curves by name only."""
         with self.changed:
             top, files = (self._frames[-1] if self._frames else None), self._named()
             first = self._frames[0] if self._frames else None
@@ -332,6 +333,7 @@ class Desk:
                 "error": self._error,
                 "session": self._session(files) if files else None,
                 "dropped": self._to_resume.dropped,
+                "resuming": self._to_resume.going,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
                 "read": files_read(self.files, self.folder) if self.files else [],
@@ -346,7 +348,7 @@ class Desk:
         return self._frames[-1]
 
     def _named(self) -> Document | None:
-        """Files as a person knows them: what lies in this tab's folder by its name alone."""
+        """Return the files with names for people: files in this tab's folder without the path."""
 
         def plain(x: Any) -> Any:
             if isinstance(x, str):
@@ -366,16 +368,16 @@ class Desk:
         return [Leg(f.words, f.forced, f.diagnosed is not None) for f in self._frames]
 
     def _diagnosed(self) -> Frame | None:
-        """Newest model that was diagnosed: its ranking stays in sight while effects are added one by one."""
+        """Return the newest diagnosed model: its ranking stays visible while effects are added one by one."""
         return next((f for f in reversed(self._frames) if f.diagnosed is not None), None)
 
     def _refuse_if_busy(self) -> None:
         if self._job is not None:
-            raise UsageError(f"still {self._job['title']}: wait for it or cancel it")
+            raise BusyError(self._job["title"])
 
     def _start(self, kind: str, request: Document) -> None:
         with self.changed:
-            # a look takes a moment, and nobody waits for it
+            # a look takes a moment, and no user waits for it
             self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
             self._refuse_if_busy()
             if self._closed:
@@ -390,20 +392,20 @@ class Desk:
             self._told()
 
     def _compute(self) -> None:
-        """Have the own process do what is asked for."""
+        """Have the own process carry out the request."""
         self._waits = False
         if not self._worker.alive:
             self._worker = Worker(self._hear)
         self._worker.ask(self._request)
 
     def _leave(self) -> None:
-        """Have nothing to do any more with what was asked for."""
+        """End the interest in the request."""
         key, self._key, self._waits = self._key, "", False
         if self._shared is not None and key:
             self._shared.leave(key, self)
 
     def hear_shared(self, key: str, answer: Document | None) -> None:
-        """Take what another tab's process says of the same request; None: this one is to compute it now."""
+        """Use another tab's answer to the same request; None: this tab must now compute it."""
         with self.changed:
             if key != self._key or self._job is None or self._closed:
                 return
@@ -416,10 +418,10 @@ class Desk:
     def _hear(self, worker: Worker, answer: Document | None) -> None:
         with self.changed:
             if worker is not self._worker or self._closed or self._waits:
-                return  # of a process that was put away, or that has nothing to do
+                return  # from a process that was replaced, or that has no task
             if answer is not None and self._job is not None and self._shared is not None and self._key:
                 self._shared.answered(self._key, answer, self.folder)
-            if answer is None:  # the next task starts another: not now, it might end the same way at once
+            if answer is None:  # the next task starts another: now it might end in the same way at once
                 self._to_resume.abandon()
                 self._leave()
                 if self._job is None:
@@ -438,7 +440,7 @@ class Desk:
         elif "done" in answer:
             self._job = None
             self._take(self._request, answer["done"])
-        else:  # how far it is, in words or in errors and curves
+        else:  # progress, in words or in errors and curves
             trial = answer.get("trial", {})
             if "curves" in trial:
                 self._fitting = self._fitting[0] + 1, trial.pop("curves")
@@ -464,6 +466,8 @@ class Desk:
                 if self._to_resume.to_come:
                     words, force = self._to_resume.to_come.pop(0)
                     self.add(words, force=force)
+                else:
+                    self._to_resume.going = False
             case "diagnose":
                 self._top.curves = done.pop("curves")
                 self._top.diagnosed, self._to_resume.dropped = done, ""

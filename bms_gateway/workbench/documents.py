@@ -7,24 +7,32 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
-from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
-from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.core_known import KnownCore, unlike, unseen
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, errors
+from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence
-from bms_gateway.report.diagnosis_text import Part, Told, closer_numbers, finite, number_lines, parts_of, reach
-from bms_gateway.report.html import VERDICTS, closest_html
+from bms_gateway.report.diagnosis_text import (
+    Part,
+    Told,
+    closer_numbers,
+    finite,
+    number_lines,
+    parts_of,
+    reach,
+)
+from bms_gateway.report.html import closest_html, numbers_html, verdict_tag
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
-from bms_gateway.report.html_tables import errors_apart, heat_map, parameters_table, thermocouples_table
+from bms_gateway.report.html_tables import errors_apart, heat_map, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
@@ -42,9 +50,8 @@ def opened(
     findings: Sequence[tuple[str, Finding]],
     notes: Sequence[tuple[str, str]],
     about: Sequence[Document],
-    surfaces: Sequence[Sequence[int]] = (),
 ) -> Document:
-    """Tell what was opened, and what the direct checks found.
+    """Describe the opened files and the findings of the direct checks.
 
     Parameters
     ----------
@@ -53,8 +60,6 @@ def opened(
     findings, notes : sequence of (source, …)
     about : sequence of dict
         Of each record, from `tracks`.
-    surfaces : sequence of sequence of int
-        Cells of which the table of each record has a surface; those without a sensor in the model are not used.
     """
     order = list(WEIGHTS)
     checks = sorted(findings, key=lambda f: order.index(f[1].severity))
@@ -71,7 +76,6 @@ def opened(
                 "readings": len(r.y),
                 "cells": list(r.cells),
                 "core": len(r.core.y) > 0,
-                "unused": sorted(set(surfaces[k]) - set(model.sensors)) if surfaces else [],
                 **about[k],
             }
             for k, r in enumerate(records)
@@ -85,13 +89,13 @@ def opened(
 
 
 def compared(c: Comparison, name: str) -> Document:
-    """Tell where a model fails, as one step of the road; the first is told with the parameters from its file too.
+    """Describe where a model fails, as one step; for the first model, also with the parameters from its file.
 
     Parameters
     ----------
     c : Comparison
     name : str
-        Of the step.
+        Name of the step.
     """
     steps = [(FILED, c.filed), (name, c.refitted)] if name == REFITTED else [(name, c.refitted)]
     models = [Shown.of(*s) for s in steps]
@@ -99,14 +103,14 @@ def compared(c: Comparison, name: str) -> Document:
         "variants": {name: _variant(name, v, closest_html(c) if v is c.refitted else "") for name, v in steps},
         "errors": errors_apart(models),
         "core": told_core(c.core),
-        "parameters": parameters_table(c.refitted.fit, narrow=True),
+        "parameters": numbers_html(c.refitted.fit, c.core, narrow=True),
         "correlations": correlation_table(c.refitted.fit),
         "thermocouples": thermocouples_table(models, c.refitted.core_checks),
     }
 
 
 def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
-    """Tell how well the cores are known, as in JSON documents, with the sentence that says so."""
+    """Describe the uncertainty of the cores, as in JSON documents, with its sentence."""
     told = core_document(core, otherwise)
     why = [parameters_labelled(text) for text in told["why"]]
     return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
@@ -121,7 +125,7 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
     )
     sensors = {s.cell: s for s in v.sensors}
     cells = []
-    unknown = half > UNKNOWN_K
+    unknown, unlike_of = half > UNKNOWN_K, dict.fromkeys(unseen(v.fit), 100.0 * unlike(v.fit))
     for k in range(1, v.fit.problem.model.cells + 1):
         s = sensors.get(k)
         cells.append(
@@ -133,6 +137,7 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
                 "ratio": finite(s.trained.ratio) if s else None,
                 "core_C": None if unknown[k - 1] else finite(float(hottest[k - 1])),
                 "core_95_K": finite(float(half[k - 1])),
+                "assumed_percent": unlike_of.get(k),
                 "centre_C": None if unknown[k - 1] else finite(float(centre[k - 1])),
             }
         )
@@ -144,17 +149,17 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
         "cells": cells,
         "stair": stair(errors(v.fit), float(half.max())),
         "core_measured": [thermocouple(x) for x in v.core_checks],
-        "known": known(v.fit) if name != FILED else None,  # nothing was learnt of a model that was not fitted
+        "known": known(v.fit) if name != FILED else None,  # nothing was learnt for a model that was not fitted
     }
 
 
 def thermocouple(check: CoreCheck) -> Document:
-    """Tell what a thermocouple in a core, which no fit has seen, says of a model."""
+    """Describe the error of a model against a thermocouple in a core that no fit has used."""
     return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": outside(check)}
 
 
 def stair(e: Errors, core_K: float) -> Document:
-    """Give one step of the staircase: errors, and half width of the least certain core, K, and whether it is given."""
+    """Return one step of the staircase: errors, half width of the least certain core, K, and whether it is given."""
     return {
         "trained_K": finite(e.train_rmse_K),
         "held_K": finite(e.heldout_rmse_K),
@@ -165,14 +170,14 @@ def stair(e: Errors, core_K: float) -> Document:
 
 
 def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
-    """Tell a diagnosis; beside it the curves of each effect, by its name."""
+    """Describe a diagnosis; return also the curves of each effect, by its name."""
     d = told.diagnosis
     verdict = d.verdict if d else "insufficient_data"
     remains = bool(d and d.unknown_remains and d.selected)
     fits = _fits(d, told.ranking) if d else {}
     document = {
         "verdict": verdict,
-        "tag": VERDICTS[verdict] + (", and something unknown remains" if remains else ""),
+        "tag": verdict_tag(d),
         "remains": verdict == "unknown_effect" or remains,
         "sentence": in_words(told.sentence),
         "selected": [s.candidate.key for s in d.selected] if d else [],
@@ -192,7 +197,7 @@ def _standing(r: Standing, part: Part, drawn: bool) -> Document:
         "effects": [effect(key) for key in r.effects],
         "role": r.role,
         "group": part.title,
-        "against": part.against,
+        "against": part.bars,
         "needs": reach(NAMED_AT, part.top),
         "evidence": finite(r.evidence),
         "reach": reach(r.evidence, part.top),
@@ -207,7 +212,7 @@ def _standing(r: Standing, part: Part, drawn: bool) -> Document:
 
 
 def effect(key: str) -> Document:
-    """Tell what the catalogue says of an effect."""
+    """Return the catalogue's description of an effect."""
     name, _, _ = key.partition(":")
     e = effect_named(name)
     return {
@@ -225,7 +230,7 @@ def effect(key: str) -> Document:
 
 
 def _fits(d: Diagnosis, ranking: Sequence[Standing]) -> dict[str, MapFit]:
-    """Find the fit behind each line of a ranking, where the search kept one."""
+    """Find the fit of each line of a ranking, if the search kept it."""
     ready = d.search.baseline.problem.records
     chosen = [s.candidate.key for s in d.selected]
     last: Mapping[str, MapFit] = {t.candidate.key: t.fit for t in d.search.rounds[-1]} if d.search.rounds else {}
@@ -246,7 +251,7 @@ def _fits(d: Diagnosis, ranking: Sequence[Standing]) -> dict[str, MapFit]:
 
 
 def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Document:
-    """Tell what an addition did to the errors, or why it may not stay."""
+    """Describe the change of the errors by an addition, or why it is refused."""
     steps = [stair(side.errors, float(side.core.half_width_K.max())) for side in (report.before, report.after)]
     return {
         "words": list(words),
@@ -262,7 +267,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
         "headline": in_words(headline(report)),
         "before": steps[0],
         "after": steps[1],
-        "parameters": parameters_table(addition.fits[1], narrow=True),
+        "parameters": numbers_html(addition.fits[1], report.after.core, narrow=True),
         "core_measured": [
             {**thermocouple(a), "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
             for b, a in zip(report.before.checks, report.after.checks, strict=True)

@@ -1,8 +1,8 @@
-"""Which requests are answered: those of this machine's own browser, or of one that has shown the token, from our page.
+"""Which requests are answered: those of this machine's browser, or of one that has shown the token, from our page.
 
-The page reads files and starts work, so a foreign site that is open in the same browser must reach nothing. The
-requests of such a site carry its own `Origin`. If it lets a name of its own resolve to this machine (DNS rebinding),
-that name is in `Host`.
+The page reads files and starts work, so a foreign site that is open in the same browser must have no access. Requests
+of such a site carry its own `Origin`. If the site lets a name of its own resolve to this machine (DNS rebinding), that
+name is in `Host`.
 """
 
 import secrets
@@ -14,9 +14,9 @@ from ipaddress import IPv6Address, ip_address
 HTTP = 80
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 SITES = ("same-origin", "none")
-"""Values of `Sec-Fetch-Site` of our own page, and of an address that a person typed."""
+"""Values of `Sec-Fetch-Site` for our own page, and for an address that a person typed."""
 TYPES = ("application/json", "application/octet-stream")
-"""What a body may be: a foreign page cannot send these without asking first."""
+"""Allowed types of a body: a foreign page cannot send these without permission."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -35,17 +35,17 @@ WILDCARDS = ("0.0.0.0", "::", "")  # noqa: S104 - compared, not bound
 
 
 class Door:
-    """Names by which the page may be called, and who has shown the token where others than this machine can reach it.
+    """Names of the page, and which browsers have shown the token if other machines can reach the page.
 
-    The token stands in the printed address. The first browser that opens it gets a cookie; the token is void then, and
-    there is another one for the next browser. HTTP is not encrypted: whoever can listen on the way can take the cookie.
+    The printed address contains the token. The first browser that opens it gets a cookie; the token is then void, and
+    there is another one for the next browser. HTTP is not encrypted: an eavesdropper can copy the cookie.
 
     Parameters
     ----------
     host : str
-        As told.
+        As given by the user.
     address : str
-        To which that was bound.
+        Address to which the server is bound.
     port : int
     more : iterable of str
         Other names of this machine, as NAME or NAME:PORT.
@@ -59,12 +59,12 @@ class Door:
         self.known = names(host, port).union(
             *(names(x, port) for x in others), (_with_port(x, port).lower() for x in more)
         )
-        self._cookie = f"bms-gateway-{port}"  # browsers do not tell ports of a machine apart
+        self._cookie = f"bms-gateway-{port}"  # browsers do not distinguish ports of a machine
         self._key, self._token = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
 
     @property
     def url(self) -> str:
-        """What a person opens; with the token where one is needed."""
+        """Address for a person; with the token if one is needed."""
         return f"http://{_with_port(self._shown, self._port)}/" + ("" if self.local else f"?token={self._token}")
 
     def refusal(self, method: str, headers: Mapping[str, str], reached: str) -> str:
@@ -76,7 +76,7 @@ class Door:
         headers : mapping
             By lower-case name.
         reached : str
-            Our own address on this connection. It is a name of ours too: a foreign name that leads here is never a
+            Our own address on this connection. It is also one of our names: a foreign name that leads here is never a
             number.
         """
         plain = ip_address(reached.partition("%")[0])
@@ -90,7 +90,7 @@ class Door:
         return self.local or any(secrets.compare_digest(x, mine) for x in shown)
 
     def enter(self, token: str) -> str | None:
-        """Take a token, once; gives the header with the cookie, None where the token is not the present one."""
+        """Use a token once; return the header with the cookie, None if the token is not the present one."""
         with self._lock:
             if not secrets.compare_digest(token.encode("utf-8", "replace"), self._token.encode()):
                 return None
@@ -99,23 +99,23 @@ class Door:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Whether an address is reachable from this machine only."""
     return ip_address(address.partition("%")[0]).is_loopback
 
 
 def own_address(wildcard: str) -> str:
-    """Give the address at which others reach this machine; its name where it has no way out."""
+    """Return the address at which others reach this machine; its name if it has no network."""
     family, far = (socket.AF_INET6, "2001:db8::1") if ":" in wildcard else (socket.AF_INET, "192.0.2.1")
     with socket.socket(family, socket.SOCK_DGRAM) as way:
         try:
-            way.connect((far, 9))  # nothing is sent: the kernel only chooses the way
+            way.connect((far, 9))  # nothing is sent: the kernel only chooses the route
         except OSError:
             return socket.gethostname()
         return str(way.getsockname()[0])
 
 
 def names(host: str, port: int) -> frozenset[str]:
-    """Give the values of `Host` by which a server on this address may be called.
+    """Return the values of `Host` for a server on this address.
 
     Examples
     --------
@@ -123,13 +123,13 @@ def names(host: str, port: int) -> frozenset[str]:
     ['127.0.0.1:8420', '[::1]:8420', 'localhost:8420']
     """
     found = [_with_port(h, port) for h in {*LOOPBACK, host} - {*WILDCARDS}]
-    if port == HTTP:  # browsers leave it out
+    if port == HTTP:  # browsers omit it
         found += [name.removesuffix(f":{HTTP}") for name in found]
     return frozenset(name.lower() for name in found)
 
 
 def _with_port(name: str, port: int) -> str:
-    """Write a name, or a numeric address, as browsers do; a port that it has already stays."""
+    """Write a name, or a numeric address, as browsers do; an existing port is kept."""
     if name.count(":") > 1 and not name.startswith("["):
         return f"[{name}]:{port}"
     return name if name.rpartition("]")[2].count(":") else f"{name}:{port}"

@@ -1,6 +1,7 @@
-"""A string model from what a person knows of the cell, and a config from a log and its DBC: what `init` would write."""
+"""A string model from known facts of the cell, and a config from a log and its DBC: as `init` writes them."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +16,7 @@ from bms_gateway.setup.settle import missing, settle
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.write import AIR, LIQUID
 from bms_gateway.thermal import Condition, Prior, StringModel
-from bms_gateway.thermal.cells import cell_of, cell_priors
+from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors
 from bms_gateway.workbench.looking import surfaces
 
 MODEL: Final = "model.toml"
@@ -29,19 +30,21 @@ CALLED: Final[Mapping[Quantity, str]] = {
     "surface": "surface temperature",
     "cell_voltage": "voltage",
 }
-"""What each quantity is called before its identifier."""
+"""Words for each quantity before its identifier."""
 MEDIA: Final = ("liquid", "air")
+COOLS: Final[Mapping[str, str]] = {"forced": "air", "plate": "liquid", "liquid": "liquid"}
+"""Coolant of cells with this cooling."""
 FLOW_SD: Final = 0.3
 PER_L_MIN: Final = 1e-3 / 60.0
 
 
 def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Write the model that a form describes, where no file was named; it has the sensors of the first table.
+    """Write the model described in a form, if no file was named; it has the sensors of the first table.
 
     Raises
     ------
     UsageError
-        What is not known or not plausible, with the nearest valid choice.
+        An entry is unknown or not plausible; with the nearest valid choice.
     """
     form = files.get("form")
     if files.get("model") or not form:
@@ -61,12 +64,14 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
     if not words.strip():
         raise UsageError("model: name the cell, such as lg_m50 or '21700 5Ah 69g 25mOhm 2p'")
     cell = cell_of(words)
-    priors = cell_priors(cell, conduction=cells > 1)
     condition: Condition = "single" if cells == 1 else "natural"
     flow = _flow(str(form.get("flow") or "").strip())
-    medium = str(form.get("medium") or "liquid").strip()
-    if medium not in MEDIA:
+    medium = str(form.get("medium") or "").strip() or COOLS.get(cell.cooling, "")
+    if medium and medium not in MEDIA:
         raise UsageError(f"model: the coolant '{medium[:40]}' is not known{did_you_mean(medium, MEDIA)}")
+    if flow is not None:
+        cell = _flowed_past(cell, medium, words)
+    priors = cell_priors(cell, conduction=cells > 1)
     if flow is not None and cells > 1:
         condition = "full"
         volumetric = AIR if medium == "air" else LIQUID[0]
@@ -82,17 +87,21 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
         cell_format=cell.name,
     )
     path = folder / MODEL
-    write_model(model, path, f"From the form of the workbench: {words.strip()}, {counted(cells, 'cell')}.")
+    write_model(
+        model,
+        path,
+        f"From the form of the workbench: {words.strip()}, {counted(cells, 'cell')}, cooling: {cell.cooling}.",
+    )
     return {**files, "model": str(path)}
 
 
 def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
-    """Make a config and a model from logs and DBC files, as `init` does; and what there is to say of it.
+    """Make a config and a model from logs and DBC files, as `init` does; return them with notes.
 
     Raises
     ------
     UsageError
-        Nothing can be made of them.
+        They are not enough for a config.
     """
     logs = [Path(t) for t in files["tables"] if log_kind(Path(t)) is not None]
     if files.get("config") or not files.get("dbc") or not logs:
@@ -105,7 +114,7 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
         raise UsageError(why_not.replace(": give the vehicle's DBC with --dbc", ": drop the vehicle's DBC too"))
     string = files.get("string") or "string_1"
     strings = [f"string_{k}" for k in range(1, len(proposal.cells) + 1)]
-    if string not in strings:  # whoever asks may be on another machine: no path is made of it
+    if string not in strings:  # the request may come from another machine: no path is made from it
         raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     settled = settle(proposal, traffic, folder, cell=cell, logs=logs)
     said = [*proposal.remarks, *settled.written.notes]
@@ -118,7 +127,7 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
 
 
 def taken_for(p: Proposed) -> str:
-    """Say what a signal is taken for, by its label, and what it has read."""
+    """Say how a signal is interpreted, by its label, and what it has read."""
     of = [*([] if p.index is None else [f"cell {p.index}"]), *([] if p.string is None else [f"string_{p.string}"])]
     where = f" of {', '.join(of)}" if of else ""
     label = CALLED[p.role]
@@ -129,7 +138,7 @@ def taken_for(p: Proposed) -> str:
 
 
 def _beside(dbc: Path, folder: Path) -> Path:
-    """Have a DBC in the tab's folder, where the config finds it."""
+    """Put a DBC into the tab's folder, where the config finds it."""
     if dbc.parent == folder:
         return dbc
     copy = folder / dbc.name
@@ -138,6 +147,19 @@ def _beside(dbc: Path, folder: Path) -> Path:
     except OSError as e:
         raise UsageError(f"{dbc}: cannot be read: {e.strerror}") from None
     return copy
+
+
+def _flowed_past(cell: CellFacts, medium: str, words: str) -> CellFacts:
+    """Return the cell with a cooling that fits the flowing coolant, if none is stated; still air does not flow."""
+    if not medium:
+        raise UsageError("model: a coolant flows past the cells: say whether it is a liquid or air")
+    if cell.cooling != "still":
+        return cell
+    if "still" in words.split():
+        raise UsageError("model: a coolant flows past the cells, so they are not in still air: say what cools them")
+    if medium == "air":
+        return replace(cell, cooling="forced")
+    return replace(cell, cooling="liquid" if cell.shape == "cylinder" else "plate")
 
 
 def _cells(what: str, text: str) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""The address of a fleet's dashboard, to which the live page links; nothing is fetched from there."""
+"""The address of a fleet's dashboard, to which the live page links; no data are fetched from it."""
 
 import re
 from typing import Final
@@ -7,14 +7,14 @@ from urllib.parse import urlsplit, urlunsplit
 from bms_gateway.errors import UsageError
 
 UID: Final = "bms-gateway"
-"""Of the dashboard that comes with the package."""
+"""Identifier of the dashboard that comes with the package."""
 _DASHBOARD: Final = re.compile(r"/d/[\w-]+")
 
 
 def dashboard_address(base: str) -> str:
-    """Give the address of the dashboard, of the base address of a Grafana or of a dashboard's own.
+    """Return the address of the dashboard, from the base address of a Grafana or from a dashboard's own address.
 
-    What its query says stays, such as `var-instance=truck_7:9105`.
+    The query is kept, such as `var-instance=truck_7:9105`.
 
     Raises
     ------

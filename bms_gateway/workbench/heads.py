@@ -1,4 +1,4 @@
-"""Requests: heads are short, since only a head that was read tells who may come in; bodies have whole characters."""
+"""Requests: heads must be short, because only a complete head decides on access; bodies have complete characters."""
 
 import json
 from collections.abc import Callable
@@ -7,17 +7,18 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any, BinaryIO, Final
 
 MOST_BYTES: Final = 16_384
-"""Of a head: a browser sends one or two thousand. The library takes a hundred lines of 64 KiB."""
+"""Greatest length of a head: a browser sends one or two thousand bytes. The library allows a hundred lines of 64
+KiB."""
 
 
 class _Lines:
-    """Reads a connection, and lets no head have more lines than `MOST_BYTES` hold.
+    """Reads a connection, and limits the lines of a head to `MOST_BYTES` in total.
 
     Parameters
     ----------
     raw : file
     answers : callable
-        Is told with `begins=False` when a body is waited for, and with `begins=True` when it has come.
+        Called with `begins=False` while a body is awaited, and with `begins=True` when it has come.
     """
 
     def __init__(self, raw: BinaryIO, answers: Callable[..., None]) -> None:
@@ -25,7 +26,7 @@ class _Lines:
         self._left: int | None = None
 
     def begin(self) -> None:
-        """Begin a head: its first line, which names what is asked for, has a limit of its own."""
+        """Begin a head: its first line, the request line, has a limit of its own."""
         self._left = None
 
     def readline(self, most: int = -1) -> bytes:
@@ -34,7 +35,7 @@ class _Lines:
         Raises
         ------
         LineTooLong
-            The head is.
+            The head is too long.
         """
         line = self._raw.readline(most if self._left is None else self._left + 1)
         self._left = MOST_BYTES if self._left is None else self._left - len(line)
@@ -43,7 +44,7 @@ class _Lines:
         return line
 
     def read(self, most: int = -1) -> bytes:
-        """Read a part of a body; who sends it byte by byte is as idle as who sends nothing."""
+        """Read a part of a body; a client that sends it byte by byte counts as idle."""
         self._answers(begins=False)
         try:
             return self._raw.read(most)
@@ -63,7 +64,7 @@ class ShortHeads(BaseHTTPRequestHandler):
         self.rfile: Any = _Lines(self.rfile, self.answers)
 
     def answers(self, *, begins: bool) -> None:
-        """Hear that the answer to a request begins, or ends or waits for more of the request."""
+        """Note that the answer to a request begins, or that it ends or waits for more of the request."""
 
     def handle_one_request(self) -> None:
         """Read a request and answer it."""
@@ -72,12 +73,12 @@ class ShortHeads(BaseHTTPRequestHandler):
 
 
 def body_of(sent: bytes) -> Any:
-    r"""Give the document of a body in JSON.
+    r"""Return the document of a body in JSON.
 
     Raises
     ------
     ValueError
-        It is no JSON, or has half a character, such as ``"\ud800"``, which no file and no answer can hold.
+        It is not JSON, or has half a character, such as ``"\ud800"``, which no file and no answer can contain.
     RecursionError
 
     Examples

@@ -15,15 +15,15 @@ from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.kept_ticks import Tick
 
 PAST: Final = ("hottest", "half", "cell", "current", "inlet", "flow", "soc", "voltage")
-"""What is kept of each string at each tick: °C, K, from 1, A, °C, over nominal, 0…1, V."""
+"""Stored numbers of each string at each tick: °C, K, from 1, A, °C, over nominal, 0…1, V."""
 POINTS: Final = 600
-"""Of a history: as many as its figure is wide."""
+"""Number of points of a history: the width of its figure."""
 SET_NS: Final = 10**18
-"""Stamps from here on (2001) are wall clock; smaller ones count from the start of something."""
+"""Stamps from here on (2001) are wall clock; smaller ones count from another start."""
 
 
 def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice]) -> NDArray[np.float32]:
-    """Start the `PAST` (S, 8) of a tick with the hottest point of each string; what drove it is not known yet."""
+    """Start the `PAST` (S, 8) of a tick with the hottest point of each string; the inputs are not known yet."""
     found = np.full((len(parts), len(PAST)), np.nan, np.float32)
     for s, part in enumerate(parts):
         k = hottest_of(centre[part])
@@ -33,12 +33,12 @@ def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice
 
 
 def driven_by(past: NDArray[np.float32], judged: Judged) -> None:
-    """Fill in what drove the strings at that tick."""
+    """Add the inputs of the strings at that tick."""
     past[:, 3:] = [[j.current, j.inlet, j.flow, j.soc, j.voltage] for j in judged.strings]
 
 
 def history(ticks: Sequence[Tick], s: int, first_ns: int) -> dict[str, Any]:
-    """Give the past of one string in at most about `POINTS` points; no excursion of the hottest point is hidden.
+    """Return the past of one string in about `POINTS` points at most; no excursion of the hottest point is hidden.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def history(ticks: Sequence[Tick], s: int, first_ns: int) -> dict[str, Any]:
     s : int
         String, from 0.
     first_ns : int
-        From which times count.
+        Zero of the times.
     """
     t = np.array([x.time_ns for x in ticks], np.int64)
     past = np.stack([x.past[s] for x in ticks]).astype(np.float64)
@@ -98,7 +98,7 @@ def table(
 
 
 def wall_clock(time_ns: int) -> str:
-    """Give the time of day in UTC; empty where the stamps are none.
+    """Give the time of day in UTC; empty if the stamps are not times of a clock.
 
     Examples
     --------

@@ -87,11 +87,11 @@ class KeptTicks:
         return self.times_ns[-1] if self.times_ns else 0
 
     def at(self, time_ns: int) -> Tick:
-        """Give the newest tick at or before a time, or the first one; there must be one."""
+        """Return the newest tick at or before a time, or the first one; there must be one."""
         return self._ticks[max(bisect_right(self.times_ns, time_ns) - 1, 0)]
 
     def back(self, time_ns: int, span_s: float) -> list[Tick]:
-        """Give the ticks of the last `span_s` before a time; 0: all ticks before it."""
+        """Return the ticks of the last `span_s` before a time; 0: all ticks before it."""
         if not self._ticks:
             return []
         until = max(bisect_right(self.times_ns, time_ns), 1)

@@ -1,4 +1,4 @@
-"""A first look at what was chosen: the columns of a table, or the kind of a log."""
+"""A first look at chosen files: the columns of a table, or the kind of a log."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from bms_gateway.report.table import parse_columns
 
 
 def surfaces(tables: Sequence[Path], columns: Sequence[str], each: Sequence[Sequence[str]] = ()) -> tuple[int, ...]:
-    """Tell which cells of the first table have a surface, as its names and the mappings say."""
+    """Return the cells of the first table with a surface, according to its names and the mappings."""
     first = next((k for k, t in enumerate(tables) if log_kind(t) is None), None)
     if first is None:
         return ()
@@ -20,7 +20,7 @@ def surfaces(tables: Sequence[Path], columns: Sequence[str], each: Sequence[Sequ
 
 
 def looked(path: Path, columns: Sequence[str]) -> dict[str, Any]:
-    """Look at a table, or tell which kind of log it is."""
+    """Look at a table, or return the kind of a log."""
     kind = log_kind(path)
     if kind is not None:
         return {"source": path.name, "log": kind, "columns": [], "missing": [], "notes": [], "units": {}}

@@ -1,7 +1,6 @@
-"""What a person measures in a picture: values at two cursors, and statistics of the window, of every sample of a curve.
+"""Measurements in a picture: values at two cursors, and statistics of the window, of every sample of a curve.
 
-The samples are those that the tab's process kept. A picture may show fewer of them; what is measured does not depend
-on it.
+The samples are those kept by the tab's process. A picture may show fewer of them; the measurements do not depend on it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +15,7 @@ from bms_gateway.workbench.steps import Window
 
 Document = dict[str, Any]
 ROLES = {"model": "yaxis", "each": "yaxis2"}
-"""What a step draws that is measured, and the axis on which it stands: the model, and the residual of every reading."""
+"""Measured curves of a step, with their axis: the model, and the residual of every reading."""
 
 
 def measured_in(figure: Mapping[str, Any], folder: Path, window: Window | None, at: Window | None) -> list[Document]:
@@ -25,19 +24,19 @@ def measured_in(figure: Mapping[str, Any], folder: Path, window: Window | None, 
     Parameters
     ----------
     figure : mapping
-        As `Desk.figure` has it before numbers stand in it.
+        From `Desk.figure`, before numbers replace its keys.
     folder : Path
         Of the tab.
     window : tuple of float, optional
-        Shown part of the axis; all of it where left out.
+        Shown part of the axis; by default all of it.
     at : tuple of float, optional
-        Places of the two cursors.
+        Positions of the two cursors.
 
     Returns
     -------
     list of dict
-        `name`, `step` ("" for what was measured), `unit`; `count`, `min`, `max`, `mean`, `rms` of the samples in the
-        window; `a` and `b`, the values at the cursors. What is not there is None.
+        `name`, `step` ("" for measurements), `unit`; `count`, `min`, `max`, `mean`, `rms` of the samples in the window;
+        `a` and `b`, the values at the cursors. Missing values are None.
     """
     with Shelves(folder) as shelves:
         return [
@@ -47,7 +46,7 @@ def measured_in(figure: Mapping[str, Any], folder: Path, window: Window | None, 
 
 
 def _curves(figure: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Kept, bool]]:
-    """Give name, step, unit and samples of each curve, and whether a value is held around its sample."""
+    """Yield name, step, unit and samples of each curve, and whether a value is constant around its sample."""
     layout = figure["layout"]
     for part in (figure, *figure.get("beside", ())):
         source = f"{part['source']}: " if "source" in part else ""
@@ -65,7 +64,7 @@ def _curves(figure: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Kept, bo
 
 
 def _title(layout: Mapping[str, Any], axis: str) -> tuple[str, str]:
-    """Part the title of an axis into its quantity and its unit."""
+    """Divide the title of an axis into its quantity and its unit."""
     title, _, unit = layout[axis]["title"]["text"].rpartition(", ")
     return title, unit
 
@@ -88,7 +87,7 @@ def _one(t: Floats, y: Floats, window: Window | None, at: Window | None, held: b
 
 
 def value_at(t: Floats, y: Floats, place: float, *, held: bool = False) -> float | None:
-    """Give the value of a curve as it is drawn: on the straight line between two samples, or of the nearest one.
+    """Return the value of a curve as drawn: interpolated between two samples, or that of the nearest one.
 
     Examples
     --------

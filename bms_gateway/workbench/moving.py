@@ -1,6 +1,6 @@
-"""A bar that moves while a long step of the work goes on: what was told, and a little further with each piece of work.
+"""A progress bar that moves during a long step: by the reported shares, and a little further with each piece of work.
 
-The search tells the share of its work at its steps, of which one can take half a minute with sixty cells. In between,
+The search reports the share of its work at its steps, one of which can take half a minute with sixty cells. In between,
 every trajectory moves the bar on towards the next step, ever less, and the text counts them.
 """
 
@@ -13,20 +13,20 @@ from bms_gateway.errors import counted
 
 Tell = Callable[[float, str], None]
 ROOM: Final = 0.1
-"""Share of all work by which pieces alone can move the bar."""
+"""Most that pieces of work without a known total can move the bar, as a share of all work."""
 PIECES: Final = 150.0
-"""After so many of them it has moved by two thirds of that."""
+"""Number of pieces after which they have moved the bar by two thirds of `ROOM`."""
 EVERY_S: Final = 0.25
-"""Between two lines: a person reads no faster."""
+"""Time between two lines: a person reads no faster."""
 
 
 class Moving:
-    """Tells shares that never fall.
+    """Reports shares that never fall.
 
     Parameters
     ----------
     tell : callable
-        Told the share and the text.
+        Gets the share and the text.
     """
 
     def __init__(self, tell: Tell) -> None:
@@ -35,12 +35,12 @@ class Moving:
         self._pieces, self._said = 0, 0.0
 
     def step(self, share: float, text: str) -> None:
-        """Take what the work itself tells."""
+        """Use the share reported by the work itself."""
         self._share, self._text, self._pieces = max(share, self._shown), text, 0
         self._say(self._share, text)
 
     def beat(self) -> None:
-        """Take one more piece of work."""
+        """Count one more piece of work."""
         self._pieces += 1
         if time.monotonic() - self._said >= EVERY_S:
             further = ROOM * (1.0 - math.exp(-self._pieces / PIECES))

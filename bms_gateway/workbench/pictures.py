@@ -1,6 +1,6 @@
-"""Figures of the page: those of the reports, with the series of each step of the road kept beside them.
+"""Figures of the page: those of the reports, with the series of each step stored separately.
 
-A figure holds what does not depend on the model. What a step draws into it is a document by roles: `model`, `each` and
+A figure contains what does not depend on the model. The curves of a step are a document by roles: `model`, `each` and
 `mean` residual, `low` and `high` edge of a band.
 """
 
@@ -17,7 +17,7 @@ from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import UNKNOWN_K
-from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
+from bms_gateway.report.html_figures import SURFACE, axis, cores, drive, layout, overlay
 from bms_gateway.report.html_series import (
     Clock,
     Trace,
@@ -36,16 +36,22 @@ from bms_gateway.workbench.series import Shelf, columns
 
 HEIGHT = 380
 PREVIEW_POINTS = 12_000
-"""Of all curves of one effect together: they are drawn on pointing at it, and many effects are kept."""
+"""Points of all curves of one effect together: they are drawn when the pointer is on it, and many effects are kept."""
 SIGMAS = 2.0
 """Half width of the band around a model, in sd of one reading."""
 FEW = 2
 """Points of what the reports' figures are asked for where the whole series is kept instead."""
-ROW_PX, LEAST_PX, MOST_PX, EDGES_PX = 16, 90, 640, 76
+ROW_PX, LEAST_PX, MOST_PX = 16, 90, 640
+ABOVE_MAP_PX, BELOW_MAP_PX = 80, 42
+"""Edges of a map. Above it stands the bar of its colours; what room it has not there, it takes from the map."""
 COLORBAR = {
     "orientation": "h",
     "thickness": 8,
-    "len": 0.3,
+    "lenmode": "pixels",
+    "len": 160,
+    "nticks": 4,
+    "tickangle": 0,
+    "title": {"text": ""},  # else plotly moves the titles of the axes for a title that is not there
     "x": 1.0,
     "xanchor": "right",
     "y": 1.0,
@@ -54,14 +60,14 @@ COLORBAR = {
 FAINTEST = 0.99
 """Quantile of the residual at which the colours of a map end."""
 SCATTER = 2.5
-"""sd of a reading that the axis of the residual reaches beyond its mean."""
+"""Reach of the residual's axis beyond its mean, in sd of a reading."""
 
 OF_THE_DRIVE: tuple[Quantity, ...] = ("current", "coolant_inlet")
-"""The first curves of the picture of the drive."""
+"""First curves of the picture of the drive."""
 
 Figures = dict[str, Figure]
 Drawn = dict[str, dict[str, Any]]
-"""What one step draws, by the name of the figure."""
+"""Curves of one step, by the name of the figure."""
 
 
 def readings(
@@ -70,17 +76,17 @@ def readings(
     rows: Sequence[tuple[Columns, float]],
     nominal_m3_s: float | None = None,
 ) -> Figures:
-    """Draw readings and drive before anything is fitted: the first picture that a person sees.
+    """Draw readings and drive before any fit: the first picture for a person.
 
     Parameters
     ----------
     records : sequence of Measured
     shelf : Shelf
     rows : sequence of (Columns, float)
-        Of the same records, and when each began on its clock, s. Where a record holds means of rows, every plausible
+        For the same records, and the start of each on its clock, s. If a record contains means of rows, every plausible
         row of surfaces, current and inlet is kept.
     nominal_m3_s : float, optional
-        Nominal flow of the coolant, of which records hold shares; without it no flow is drawn.
+        Nominal flow of the coolant, because records contain shares of it; without it no flow is drawn.
     """
     found: Figures = {}
     for r, (m, file) in enumerate(zip(records, rows, strict=True)):
@@ -91,6 +97,7 @@ def readings(
             if mine.any():
                 trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
+                spec["layout"]["yaxis"]["title"]["text"] = f"cell {trace.cell}: {SURFACE}"
                 samples = _every(file, "surface", cell, m, (trace.time_s, trace.measured))
                 at, y = broken(*samples, sorted((*trace.breaks_s, *missing_in(samples[0]))))
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
@@ -110,7 +117,7 @@ def readings(
 def _every(
     file: tuple[Columns, float], quantity: Quantity, cell: int | None, m: Measured, used: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Give time, s since the record began, and value of every plausible row; what the fit uses where it has as many."""
+    """Return time, s since the record began, and value of every plausible row; the fit's own values if as many."""
     columns, began = file
     y = columns.of(quantity, cell)
     if y is None:
@@ -122,7 +129,7 @@ def _every(
 
 
 def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
-    """Draw the figure of each core without any model: axes, and the thermocouple in it where there is one."""
+    """Draw the figure of each core without a model: axes, and its thermocouple if there is one."""
     found: Figures = {}
     records = c.refitted.fit.problem.records
     for r, m in enumerate(records):
@@ -130,7 +137,7 @@ def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
         time = clock(float(seconds_of(m).max()))
         for k in range(1, n + 1):
             probe = _thermocouple(c.refitted.core_checks, r, k)
-            spec = cores((), (), k, m, time, probe)
+            spec = cores((), r, k, m, time, probe)
             if probe is not None:
                 t, y = probe
                 spec["data"] = [_shelved(spec["data"][0], shelf, t / time.seconds, y)]
@@ -169,7 +176,7 @@ def step(v: Variant, shelf: Shelf) -> Drawn:
             name = f"core-{r}-{k + 1}"
             half_K = BAND_SD * band.total_K[:, k]
             edges = {"model": band.T_c[:, k], "low": band.T_c[:, k] - half_K, "high": band.T_c[:, k] + half_K}
-            if not known[k]:  # its band tells how little is known, and no curve looks like an answer
+            if not known[k]:  # its band shows how little is known, and no curve looks like a result
                 del edges["model"]
             found[name] = {role: {"kept": shelf.keep(band.time_s / time.seconds, y)} for role, y in edges.items()}
             found[name]["span"] = {"yaxis": _span(edges["low"], edges["high"])}
@@ -180,7 +187,7 @@ def step(v: Variant, shelf: Shelf) -> Drawn:
 
 
 def _outside(v: Variant, record: int, cell: int) -> tuple[Floats, Floats] | None:
-    """Give what a thermocouple in a core reads outside the model's band, gaps between; None where it never does."""
+    """Return the readings of a thermocouple in a core outside the model's band, with gaps; None if there are none."""
     probe = _thermocouple(v.core_checks, record, cell)
     if probe is None:
         return None
@@ -191,22 +198,23 @@ def _outside(v: Variant, record: int, cell: int) -> tuple[Floats, Floats] | None
 
 
 def frames_of_maps(records: Sequence[Measured]) -> Figures:
-    """Draw the axes of a map of all sensors of a record over time; of one sensor there is none."""
+    """Draw the axes of a map of all sensors of a record over time; for a single sensor there is none."""
     found: Figures = {}
     for r, m in enumerate(records):
         cells = [str(cell) for _, cell in m.channels]
         if len(cells) > 1:
             time = clock(float(seconds_of(m).max()))
             rows = axis("cell", type="category", categoryarray=cells, autorange="reversed", showgrid=False)
-            height = min(max(ROW_PX * len(cells), LEAST_PX), MOST_PX) + EDGES_PX
+            height = min(max(ROW_PX * len(cells), LEAST_PX), MOST_PX) + ABOVE_MAP_PX + BELOW_MAP_PX
             spec = layout(height, m, time, yaxis=rows, coloraxis={"colorbar": COLORBAR})
             spec["hovermode"] = "closest"
+            spec["margin"] |= {"t": ABOVE_MAP_PX, "b": BELOW_MAP_PX}
             found[f"map-{r}"] = {"data": [], "layout": spec}
     return found
 
 
 def maps(fit: MapFit, shelf: Shelf) -> Drawn:
-    """Draw the residual of all sensors over time as a map of each record; colours end where they do for all of it."""
+    """Draw the residual of all sensors over time as a map of each record, with one range of colours for all of it."""
     found: Drawn = {}
     traces = traces_of((fit,))
     for r in sorted({t.record for t in traces}):
@@ -223,7 +231,7 @@ def maps(fit: MapFit, shelf: Shelf) -> Drawn:
 
 
 def preview(fit: MapFit, most: int = PREVIEW_POINTS) -> dict[str, dict[str, Any]]:
-    """Draw what another fit of the same records makes of each sensor, to be laid over the plot; thinned to `most`."""
+    """Draw each sensor by another fit of the same records, as an addition to the plot; thinned to `most`."""
     traces = traces_of((fit,))
     points = max(most // max(len(traces), 1), 60)
     found = {}

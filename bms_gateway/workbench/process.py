@@ -12,10 +12,10 @@ from typing import Any
 START = (
     "import sys; sys.path.append(sys.argv[1]); "
     "from bms_gateway.workbench.worker import main; main()"
-)  # found wherever this package was found, and nothing of the user's folder is
+)  # imports this package from where it lies, and nothing from the user's folder
 PACKAGE = str(Path(__file__).resolve().parents[2])
 PATIENCE_S = 5.0
-"""For a killed process to be gone; the kernel takes no longer."""
+"""Longest time that the kernel takes to end a killed process, s."""
 
 
 class Worker:
@@ -24,7 +24,7 @@ class Worker:
     Parameters
     ----------
     hear : callable
-        Gets each answer, in a thread of this object, and None once the process is gone.
+        Gets each answer, in a thread of this object, and None when the process has ended.
     """
 
     def __init__(self, hear: "Callable[[Worker, dict[str, Any] | None], None]") -> None:
@@ -44,14 +44,14 @@ class Worker:
         return self._process.poll() is None
 
     def ask(self, request: Mapping[str, Any]) -> None:
-        """Send a request; a process that has gone is told by its end."""
+        """Send a request; if the process has ended, the listener reports it."""
         assert self._process.stdin is not None  # noqa: S101 - opened above
         with suppress(BrokenPipeError, ValueError):
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
 
     def end(self) -> None:
-        """End it now, whatever it does."""
+        """End the process now, also within a computation."""
         self._process.kill()
         if threading.current_thread() is not self._thread:
             self._thread.join(PATIENCE_S)
@@ -61,7 +61,7 @@ class Worker:
         assert out is not None  # noqa: S101 - opened above
         with out:
             for line in out:
-                # what a killed process left unfinished is no answer
+                # the incomplete output of a killed process is no answer
                 if line.endswith("\n"):
                     self._hear(self, json.loads(line))
         self._process.wait()

@@ -1,6 +1,6 @@
-"""What a session keeps of a diagnosis, and whether it still holds: of the same records and the same model alone.
+"""Diagnoses in a session file, and whether they still hold: only for the same records and the same model.
 
-A diagnosis is kept as what it said; it is not made again. The effects that it names are told anew from the catalogue.
+The result of a diagnosis is stored; it is not computed again. The descriptions of its effects come from the catalogue.
 """
 
 import hashlib
@@ -26,10 +26,10 @@ LEFT_OUT = {
 
 
 def digests(records: Sequence[Record], model: StringModel) -> dict[str, str]:
-    """Give digests of the records and of the model, by which a diagnosis is known to be theirs.
+    """Return digests of the records and of the model, by which their diagnoses are recognised.
 
-    They are of the numbers: a file that is renamed or packed stays the same, and so does a model with other comments.
-    The last digits of a float are left out, which differ between processors.
+    They are digests of the numbers: a renamed or packed file keeps them, and so does a model with other comments. The
+    last digits of a float are left out, because they differ between processors.
     """
     told = hashlib.sha256()
     for r in records:
@@ -45,7 +45,7 @@ def digests(records: Sequence[Record], model: StringModel) -> dict[str, str]:
 
 
 def content_of(records: Sequence[Record]) -> str:
-    """Give a digest of all that records hold, to the last digit: of equal ones every answer is equal."""
+    """Return a digest of all content of records, to the last digit: equal records give equal answers."""
     told = hashlib.sha256()
 
     def feed(x: Any) -> None:
@@ -71,14 +71,14 @@ def content_of(records: Sequence[Record]) -> str:
 
 
 def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str, Document], str]:
-    """Give the diagnoses of a session by the number of their step, and why they are left out where they are.
+    """Return the diagnoses of a session by the number of their step, and the reason if they are left out.
 
     Parameters
     ----------
     kept : mapping
         From `session.diagnoses_of`.
     now : mapping
-        Digests of what is open.
+        Digests of the open files.
     """
     other = [what for what in ("records", "model") if kept["digest"].get(what) != now[what]]
     if kept["diagnosed"] and other:

@@ -1,10 +1,11 @@
-"""Long series of a tab: the worker keeps them whole in files, the server takes a window of them for a picture.
+"""Long series of a tab: the worker stores them whole in files, the server reads a window of them for a picture.
 
-A trace of a figure then holds the keys of its series in place of numbers. Zooming needs no worker, which may be busy,
-and shows every sample of a short window.
+A trace of a figure contains the keys of its series instead of numbers. Zooming needs no worker, which may be busy, and
+shows every sample of a short window.
 """
 
 import secrets
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -16,16 +17,19 @@ from bms_gateway.report.page import numbers
 from bms_gateway.workbench.steps import SERIES, Window
 
 POINTS = 2400
-"""Of one trace in one picture: more than a screen has columns."""
+"""Points of one trace in one picture: more than a screen has columns."""
 COLUMNS = 180
-"""Stretches of time in a map: two pixels or more of each."""
+"""Stretches of time in a map: at least two pixels each."""
+READING = threading.Lock()
+"""One thread at a time reads the header of an array: numpy parses it as Python source, and Python 3.11 mixes up the
+depths of two parsers that run side by side (`SystemError: AST constructor recursion depth mismatch`)."""
 Kept = dict[str, Any]
-"""Where a trace's series are: `file`, `x`, `y`; on another axis, that is x · `scale` + `shift`."""
+"""Location of a trace's series: `file`, `x`, `y`; on another axis, x · `scale` + `shift`."""
 Floats = NDArray[np.floating[Any]]
 
 
 class Shelf:
-    """Keeps series of one answer; equal ones once.
+    """Stores series of one answer; equal ones only once.
 
     Parameters
     ----------
@@ -39,7 +43,7 @@ class Shelf:
         self._known: dict[bytes, str] = {}
 
     def keep(self, x: Floats, y: Floats) -> Kept:
-        """Keep one trace: `x` (K,) in order, `y` (K,) with NaN where a line is broken."""
+        """Store one trace: `x` (K,) in order, `y` (K,) with NaN where a line is broken."""
         return {
             "file": self._path.name,
             "x": self._key(np.asarray(x, np.float64)),
@@ -59,14 +63,14 @@ class Shelf:
 
 
 def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
-    """Put numbers in the place of every `kept` of a document, and of the `columns` of a map.
+    """Replace every `kept` of a document, and the `columns` of a map, by numbers.
 
     Parameters
     ----------
     document : JSON-able
     folder : Path
     window : tuple of float, optional
-        Shown part of the axis; all of it where left out.
+        Shown part of the axis; by default all of it.
     """
 
     def fill(x: Any) -> Any:
@@ -88,7 +92,7 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
 
 
 class Shelves:
-    """What was kept in a folder, each file opened once."""
+    """Content of a folder, with each file opened once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -102,18 +106,19 @@ class Shelves:
             f.close()
 
     def series(self, kept: Kept) -> tuple[Floats, Floats]:
-        """Give all samples of a trace, on the axis that it is drawn on."""
+        """Return all samples of a trace, on its drawn axis."""
         name = kept["file"]
         if name not in self._open:
             self._open[name] = np.load(self._folder / name)
-        t, y = self._open[name][kept["x"]], self._open[name][kept["y"]]
+        with READING:
+            t, y = self._open[name][kept["x"]], self._open[name][kept["y"]]
         if "scale" in kept:
             t = kept["scale"] * t + kept["shift"]
         return t, y
 
 
 def windowed(t: Floats, y: Floats, window: Window | None) -> tuple[Floats, Floats]:
-    """Take what lies in a window, and one sample on each side, so that lines reach its edges."""
+    """Return the samples in a window, and one more on each side, so that lines reach its edges."""
     if window is None or not len(t):
         return t, y
     first, last = np.searchsorted(t, window[0]) - 1, np.searchsorted(t, window[1], side="right") + 1
@@ -126,8 +131,8 @@ def columns(
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Average some series over the same stretches of a window: `COLUMNS` of them, or as many as there are samples.
 
-    A stretch is no shorter than the usual time between two samples of the series that has the fewest, so that a map has
-    no holes where nothing is missing.
+    A stretch is not shorter than the usual time between two samples of the series with the fewest, so that a map has
+    holes only where samples are missing.
 
     Returns
     -------

@@ -24,6 +24,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from bms_gateway.errors import GatewayError, UsageError
 from bms_gateway.report.page import plotly_script
 from bms_gateway.workbench.beside import Beside
+from bms_gateway.workbench.busy import BusyError
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
@@ -35,22 +36,23 @@ from bms_gateway.workbench.takes import KINDS, attached, taken
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
-    from bms_gateway.workbench.watch import Watch
+    from bms_gateway.workbench.live_estimates import Watch
 
 LARGEST_JSON: Final = 64 * 1024
 LARGEST_SESSION: Final = 1024**2
-"""With what was said of some hundred effects and places, at a few hundred bytes each."""
+"""Greatest body of a request: some hundred effects and places, a few hundred bytes each, and notes that are too
+long."""
 LARGEST_UPLOAD: Final = 256 * 1024**2
 LONGEST_LENGTH: Final = 20
-"""Digits of a length: 64 bits have no more, and of thousands no number is made."""
+"""Most digits of a Content-Length: those of 64 bits."""
 MOST_FIGURES: Final = 40
-"""Measured at once."""
+"""Most figures that are measured in one request."""
 LARGEST_NUMBER: Final = 1e9
-"""Of a query: seconds, or the place of a string."""
+"""Largest number of a query: seconds, or the index of a string."""
 PING_S: Final = 10.0
-"""An event stream says that it lives; so a browser that has gone is noticed."""
+"""Time between signs of life on an event stream, s; they show when a browser has left."""
 IDLE_S: Final = 120.0
-"""A connection that sends nothing for so long is closed."""
+"""Time, s, after which a silent connection is closed."""
 TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -70,7 +72,7 @@ class Server(ThreadingHTTPServer):
     more : iterable of str
         Other names of this machine.
     tell : callable, optional
-        Told the address for the next browser, when a token was used up.
+        Gets the address for the next browser when a token was used.
 
     Raises
     ------
@@ -84,7 +86,7 @@ class Server(ThreadingHTTPServer):
     def __init__(
         self, site: Site, host: str, port: int, more: Iterable[str] = (), tell: Callable[[str], None] | None = None
     ) -> None:
-        if not host.strip():  # a variable of a script that is not set; the system would take it for every address
+        if not host.strip():  # an unset variable of a script; the system would take it for every address
             raise UsageError("workbench: --host is empty; give an address of this machine, or 0.0.0.0 for all of them")
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
@@ -98,12 +100,12 @@ class Server(ThreadingHTTPServer):
         site.local = self.door.local
 
     def server_bind(self) -> None:
-        """Bind; what the base class asks a name server meanwhile is not needed."""
+        """Bind, without the base class's request to a name server, which is not needed."""
         TCPServer.server_bind(self)
         self.server_name, self.server_port = self.socket.getsockname()[:2]
 
     def verify_request(self, request: Any, client_address: Any) -> bool:  # noqa: ARG002 - the base class gives it
-        """Whether there is room for a connection."""
+        """Return whether there is room for a connection."""
         return self.clients.come(request)
 
     def shutdown_request(self, request: Any) -> None:
@@ -112,7 +114,7 @@ class Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a browser that closes its connection; everything else is a bug, and is printed."""
+        """Ignore a browser that closes its connection; every other error is a bug and is printed."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -129,7 +131,7 @@ class Handler(ShortHeads):
         *("state", "figure", "measures", "curves", "events", "take", "site", "presets", "watch", "history", "window"),
         *("signals", "happened"),
     }
-    """What is asked for with GET under /api; a method of each name answers, with an underscore before it."""
+    """Requests with GET under /api; a method with an underscore and the name answers each."""
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
         """Keep the terminal clean."""
@@ -139,7 +141,7 @@ class Handler(ShortHeads):
         self._guarded(self._get)
 
     def do_POST(self) -> None:
-        """Do what the page asks for."""
+        """Carry out a request of the page."""
         self._guarded(self._post)
 
     def _guarded(self, answer: Any) -> None:
@@ -150,7 +152,7 @@ class Handler(ShortHeads):
             self.answers(begins=False)
 
     def answers(self, *, begins: bool) -> None:
-        """Keep a connection that is being answered; others make room when there are many."""
+        """Protect a connection that is being answered; others are closed if there are too many."""
         self.server.clients.answer(self.connection, begins=begins)
 
     def _checked(self, answer: Any) -> None:
@@ -164,14 +166,15 @@ class Handler(ShortHeads):
                     return
                 why_not = CLOSED
             if why_not:
-                self.close_connection = True  # a body is not read
+                self.close_connection = True  # the body is not read
                 self._json({"error": why_not}, HTTPStatus.FORBIDDEN)
                 return
             answer()
         except GatewayError as e:
-            self._json({"error": " ".join(str(e).split())}, HTTPStatus.BAD_REQUEST)
+            busy = {"busy": e.title} if isinstance(e, BusyError) else {}
+            self._json({"error": " ".join(str(e).split()), **busy}, HTTPStatus.BAD_REQUEST)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
-            self.close_connection = True  # the browser has gone
+            self.close_connection = True  # the browser has disconnected
         except OSError as e:
             if not e.filename:
                 raise
@@ -222,7 +225,7 @@ class Handler(ShortHeads):
         self._json({"watch": site.watch.about() if site.watch else None, "local": site.local, "grafana": site.grafana})
 
     def _presets(self) -> None:
-        from bms_gateway.workbench.presets import presets  # not with the program: NumPy comes with it
+        from bms_gateway.workbench.presets import presets  # not with the program, because it loads NumPy
 
         self._json({"presets": presets()})
 
@@ -263,7 +266,7 @@ class Handler(ShortHeads):
         return Beside.of(self._query.get("beside", ""), self._query.get("by", "start"))
 
     def _pair(self, one: str, other: str) -> tuple[float, float] | None:
-        """Give two numbers of the query; None where they are not there."""
+        """Return two numbers of the query; None if they are missing."""
         texts = [self._query.get(k, "") for k in (one, other)]
         if not all(texts):
             return None
@@ -285,7 +288,7 @@ class Handler(ShortHeads):
     def _take(self) -> None:
         desk, what = self._desk(), self._query.get("what", "")
         if what not in KINDS:
-            told = f"take: '{what[:40]}' is none of model, report, session"
+            told = f"take: '{what[:40]}' is not one of model, report, session"
             self._json({"error": told}, HTTPStatus.NOT_FOUND)
             return
         found = taken(desk, self._query)
@@ -329,7 +332,7 @@ class Handler(ShortHeads):
         return x
 
     def _signals(self) -> None:
-        """Give the signals of one string in a window as a table, as the commands read it."""
+        """Send the signals of one string in a window as a table that the commands can read."""
         string, out = int(self._number("string")), self._desk().folder / f".{secrets.token_hex(8)}.csv"
         watch, view = self._live(), self._query.get("view", "")
         try:
@@ -340,7 +343,7 @@ class Handler(ShortHeads):
 
     def _window(self) -> None:
         parts = self._live().table(self._query.get("view", ""), self._number("span"), self._ends())
-        self.close_connection = True  # how long it gets is not known
+        self.close_connection = True  # its length is not known yet
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", CSV)
         self.send_header("Content-Disposition", attached("estimates.csv"))
@@ -415,7 +418,7 @@ class Handler(ShortHeads):
                 raise UsageError(f"the page cannot ask for '{what}'")
 
     def _body(self) -> dict[str, Any]:
-        length = self._length(LARGEST_SESSION if self._url == "/api/resume" else LARGEST_JSON)
+        length = self._length(LARGEST_SESSION if self._url in ("/api/resume", "/api/note") else LARGEST_JSON)
         try:
             document = body_of(self.rfile.read(length))
         except (ValueError, RecursionError):
@@ -427,12 +430,12 @@ class Handler(ShortHeads):
     def _length(self, most: int) -> int:
         text = self.headers.get("Content-Length", "")
         if not text.isdecimal() or len(text) > LONGEST_LENGTH or int(text) > most:
-            self.close_connection = True  # what follows is not read
+            self.close_connection = True  # the rest is not read
             raise UsageError(f"too large: at most {most / 1024**2:g} MiB are taken at once")
         return int(text)
 
     def _upload(self) -> None:
-        close, self.close_connection = self.close_connection, True  # where a part of the body is not read
+        close, self.close_connection = self.close_connection, True  # in case a part of the body is not read
         desk, size = self._desk(), self._length(LARGEST_UPLOAD)
         name = safe_name(self._query.get("name", ""))
         if not name:
@@ -466,7 +469,7 @@ class Handler(ShortHeads):
             self.send_header("Content-Length", str(size))
             self.send_header("Cache-Control", "max-age=86400" if cached else "no-store")
             if packed:
-                self.send_header("Content-Encoding", "gzip")  # every browser takes it
+                self.send_header("Content-Encoding", "gzip")  # every browser accepts it
             if name:
                 self.send_header("Content-Disposition", attached(name))
             self._safe_headers()

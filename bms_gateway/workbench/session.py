@@ -1,7 +1,7 @@
-"""A session as a document: files by name, what was added and what a diagnosis said, and notes. It can be mailed.
+"""A session as a document: files by name, additions, results of diagnoses, and notes. It can be mailed.
 
-Of what was computed it holds the diagnoses alone, with digests of the records and the model that they belong to
-(`recall`): they take long, and what they leave open is to be seen again. Additions are made again.
+Of the computed results it contains only the diagnoses, with digests of their records and model (`recall`): diagnoses
+take long, and their open questions must be seen again. Additions are computed again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,11 @@ UNREACHED: Final = (
     "The session’s diagnosis of a later model is left out: its additions were not made again. Diagnose again."
 )
 MOST: Final = 20
-"""Additions of a session: more than any road has."""
+"""Greatest number of additions in a session."""
 LONGEST_NOTES: Final = 10_000
 """Characters: five pages."""
 LARGEST: Final = 1e300
-"""Of the numbers that a diagnosis may have said."""
+"""Greatest number in a stored diagnosis."""
 NUMBER: Final = (float, int, type(None))
 RANKED: Final[dict[str, Any]] = {
     "name": str,
@@ -38,7 +38,7 @@ RANKED: Final[dict[str, Any]] = {
     "tied": [str],
     "refused": str,
 }
-"""What is kept of each line of a ranking, and of what type it is."""
+"""Stored fields of each line of a ranking, with their types."""
 SAID: Final[dict[str, Any]] = {
     "verdict": str,
     "tag": str,
@@ -48,11 +48,18 @@ SAID: Final[dict[str, Any]] = {
     "error": str,
     "ranking": [RANKED],
     "absorbed": [str],
-    "core": {"proven": bool, "sd_K": NUMBER, "centre_sd_K": NUMBER, "why": [str], "sentence": str},
+    "core": {
+        "proven": bool,
+        "sd_K": NUMBER,
+        "centre_sd_K": NUMBER,
+        "why": [str],
+        "rests_on": (str, type(None)),
+        "sentence": str,
+    },
     "card": [str],
     "next": str,
 }
-"""The same of a diagnosis."""
+"""The same for a diagnosis."""
 OLDER: Final[dict[str, Any]] = {
     **SAID,
     "needs": (float, int),
@@ -60,36 +67,39 @@ OLDER: Final[dict[str, Any]] = {
     "against": {"": str, "named": str, "tied": str, "next": str, "instead": str},
     "ranking": [{k: x for k, x in RANKED.items() if k not in ("group", "against", "needs")}],
 }
-"""The same as older sessions have it."""
+"""The same in older sessions."""
 Addition = tuple[list[str], bool]
 """Effects added at once, and whether by force."""
 
 
 @dataclass(slots=True)
 class SessionRest:
-    """The part of a session that is still to be done again.
+    """The part of a session that must still be repeated.
 
     Attributes
     ----------
     to_come : list of Addition
         Additions that follow.
     recalled : dict of number of the model to diagnosis
-        Diagnoses of the models that these additions lead to.
+        Diagnoses of the models after these additions.
     dropped : str
         Why diagnoses of the session are left out, a sentence; empty if none is.
+    going : bool
+        Whether the additions are still being repeated: until then the desk has less of the work than the session.
     """
 
     to_come: list[Addition] = field(default_factory=list)
     recalled: dict[str, dict[str, Any]] = field(default_factory=dict)
     dropped: str = ""
+    going: bool = False
 
     def diagnosed(self, number: int) -> dict[str, Any] | None:
-        """Take the diagnosis of model `number`, counted from 0; None if there is none."""
+        """Remove and return the diagnosis of model `number`, counted from 0; None if there is none."""
         return self.recalled.pop(str(number), None)
 
     def abandon(self) -> None:
         """Make no further additions; the diagnoses of models that are not reached are left out."""
-        self.to_come = []
+        self.to_come, self.going = [], False
         if self.recalled:
             self.recalled, self.dropped = {}, UNREACHED
 
@@ -102,10 +112,10 @@ def session_of(
     Parameters
     ----------
     files : mapping
-        As a person knows them. A recent window of the gateway is taken anew, not kept.
+        With names for people. A recent window of the gateway is read anew, not stored.
     frames : sequence of Frame
     notes : str
-        What a person wrote.
+        Notes of a person.
     digest : mapping, optional
         Of the records and the model from its file, from `recall.digests`.
     """
@@ -136,19 +146,24 @@ def session_of(
 
 
 def _said(diagnosed: Mapping[str, Any]) -> dict[str, Any]:
-    """Take what a diagnosis said; what the catalogue tells of the effects is left out."""
+    """Return the result of a diagnosis without the catalogue's descriptions of effects."""
     ranking = [{**r, "effects": [e["key"] for e in r["effects"]]} for r in diagnosed["ranking"]]
     return {**{k: diagnosed[k] for k in SAID}, "ranking": [{k: r[k] for k in RANKED} for r in ranking]}
 
 
 def additions_of(session: Mapping[str, Any]) -> list[Addition]:
-    """Read what a session added.
+    """Read the additions of a session.
 
     Raises
     ------
     UsageError
     """
     version = session.get("workbench_session")
+    if isinstance(version, int) and version > VERSION:
+        raise UsageError(
+            f"session: it was made by a newer version of this program (workbench_session = {version}; this one reads"
+            f" {VERSION}): open it with that version, or update this one"
+        )
     if not _is(version, int) or version != VERSION or not isinstance(session.get("files"), dict):
         raise UsageError(f"session: this is no session file of the workbench (workbench_session = {VERSION})")
     added = session.get("added", [])
@@ -164,7 +179,7 @@ def additions_of(session: Mapping[str, Any]) -> list[Addition]:
 
 
 def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
-    """Read what diagnoses of a session said, and the digests that they belong to.
+    """Read the results of diagnoses in a session, and their digests.
 
     Raises
     ------
@@ -173,15 +188,22 @@ def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
     digest, diagnosed = session.get("digest", {}), session.get("diagnosed", [])
     if not _is(digest, dict) or not all(_is(x, str) for x in digest.values()) or not _is(diagnosed, list):
         raise UsageError("session: digest must name texts, and diagnosed must be a list")
-    diagnosed = [_by_part(one) for one in diagnosed]
+    diagnosed = [_by_part(_resting(one)) for one in diagnosed]
     for one in diagnosed:
         if not _is(one, {"step": int, "said": SAID}) or not 0 <= one["step"] <= MOST:
             raise UsageError("session: what a diagnosis said is not as the workbench writes it")
     return {"digest": digest, "diagnosed": diagnosed}
 
 
+def _resting(one: Any) -> Any:
+    """Convert a diagnosis of an older session, which lacks the assumption for the band of an unsensed cell."""
+    if not _is(one, {"step": int, "said": dict}) or not isinstance(core := one["said"].get("core"), dict):
+        return one
+    return {**one, "said": {**one["said"], "core": {"rests_on": None, **core}}}
+
+
 def _by_part(one: Any) -> Any:
-    """Take a diagnosis of an older session, whose bars have one scale and which tells its parts by role."""
+    """Convert a diagnosis of an older session, whose bars have one scale and whose parts are named by role."""
     if not isinstance(one, dict) or not _is(one.get("said"), OLDER):
         return one
     said = one["said"]
@@ -205,7 +227,7 @@ def _is(x: Any, kind: Any) -> bool:
 
 
 def notes_of(found: Any) -> str:
-    """Read notes; none are an empty text.
+    """Read notes; no notes are an empty text.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Answers that several tabs ask for: the first of them computes, the others wait for it and get the same.
+"""Answers for several tabs: the first one computes, the others wait and get the same answer.
 
-Two requests are one where records, model, step and words are the same, however the files are called and wherever they
-lie. A tab that cancels what others wait for leaves the work to the next of them.
+Two requests are equal if records, model, step and words are the same, for any names and places of the files. If a tab
+cancels work for which others wait, the next of them takes it over.
 """
 
 import hashlib
@@ -24,31 +24,31 @@ from bms_gateway.workbench.uploads import own_folder
 
 Document = dict[str, Any]
 KINDS: Final = ("compare", "diagnose", "add", "report")
-"""Tasks that are shared: all that fit."""
+"""Shared tasks: all tasks that fit."""
 MOST_BYTES: Final = 512 << 20
-"""Of the answers that are kept for others, with their series; of more the oldest go."""
+"""Size of the answers that are kept for others, with their series; beyond it, the oldest are removed."""
 _SERIES: Final = re.compile(rf"{re.escape(SERIES)}\w+\.npz")
 
 
 class Tab(Protocol):
-    """Who waits for an answer."""
+    """A tab that waits for an answer."""
 
     @property
     def folder(self) -> Path:
-        """Where the files of an answer are to lie."""
+        """Folder for the files of an answer."""
 
     def hear_shared(self, key: str, answer: Document | None) -> None:
-        """Take what another tab's process says; None: it ended, and the work is this tab's own now."""
+        """Use the answer of another tab's process; None: that process ended, and this tab must compute."""
 
 
 def key_of(request: Mapping[str, Any], same: str) -> str:
-    """Name a request by its content; empty where it is not shared.
+    """Return the key of a request by its content; empty if it is not shared.
 
     Parameters
     ----------
     request : mapping
     same : str
-        Digest of the records that are open; empty where none are.
+        Digest of the open records; empty if none are open.
     """
     if not same or request["do"] not in KINDS:
         return ""
@@ -70,10 +70,10 @@ class _Answer:
 
 
 class Shared:
-    """See the module's text. Waiting tabs are told by a thread of this object, one answer after the other."""
+    """See the module's text. A thread of this object informs waiting tabs, one answer after the other."""
 
     def __init__(self) -> None:
-        self._home: tuple[Path, int] | None = None  # made when there is something to keep
+        self._home: tuple[Path, int] | None = None  # made when there is something to store
         self._lock = threading.Lock()
         self._work: dict[str, _Work] = {}
         self._kept: OrderedDict[str, _Answer] = OrderedDict()
@@ -93,7 +93,7 @@ class Shared:
         self._told.put((tab, key, text, files))
 
     def ask(self, key: str, tab: Tab) -> bool:
-        """Say whether a tab is to compute itself; otherwise it hears the answer of another one."""
+        """Return whether a tab must compute itself; otherwise it gets the answer of another one."""
         with self._lock:
             if (found := self._kept.get(key)) is not None:
                 self._kept.move_to_end(key)
@@ -106,11 +106,11 @@ class Shared:
             return True
 
     def answered(self, key: str, answer: Document, folder: Path) -> None:
-        """Pass on what the process of the tab that computes says; what is done is kept for those who ask later."""
+        """Pass on the answer of the computing tab's process; final answers are kept for later requests."""
         ended = "done" in answer or "error" in answer
         with self._lock:
             if not ended and not (key in self._work and self._work[key].waiting):
-                return  # nobody follows its progress
+                return  # no other tab follows its progress
         text = json.dumps(answer)
         files = tuple(sorted(set(_SERIES.findall(text))))
         if "path" in answer.get("done", {}):
@@ -123,7 +123,7 @@ class Shared:
                 self._put(tab, key, text, files)
 
     def leave(self, key: str, tab: Tab) -> None:
-        """Let a tab go; where it computed, the work is that of the next one who waits."""
+        """Remove a tab; if it computed, the next waiting tab takes over the work."""
         with self._lock:
             work = self._work.get(key)
             if work is None:
@@ -137,7 +137,7 @@ class Shared:
                 del self._work[key]
 
     def close(self) -> None:
-        """Throw everything away."""
+        """Delete everything."""
         self._told.put(None)
         with self._lock:
             if self._home is not None:
@@ -149,7 +149,7 @@ class Shared:
     def _keep(self, key: str, text: str, files: tuple[str, ...], folder: Path) -> None:
         size = len(text)
         for name in files:
-            with suppress(OSError):  # the tab went meanwhile: those who wait compute themselves
+            with suppress(OSError):  # the tab was closed meanwhile: waiting tabs compute themselves
                 _linked(folder / name, self._folder / name)
                 size += (self._folder / name).stat().st_size
         self._kept[key] = _Answer(text, files, size)
@@ -167,7 +167,7 @@ class Shared:
             try:
                 for name in files:
                     _linked(self._folder / name, tab.folder / name)
-            except OSError:  # what was kept has gone, or the tab has
+            except OSError:  # the stored answer is deleted, or the tab is closed
                 answer = None
             if answer and "path" in answer.get("done", {}):
                 answer["done"]["path"] = str(tab.folder / files[-1])
@@ -178,7 +178,7 @@ class Shared:
 
 
 def _linked(source: Path, to: Path) -> None:
-    """Have a file in one more place, without a second copy where the disk can do so."""
+    """Link a file at one more place, without a second copy if the disk allows it."""
     if to.exists():
         return
     try:

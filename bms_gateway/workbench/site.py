@@ -1,4 +1,4 @@
-"""What is served to all tabs: their desks, the files of the command line, uploads, the live pack."""
+"""Content for all tabs: their desks, the files of the command line, uploads, the live pack."""
 
 import secrets
 import threading
@@ -14,20 +14,21 @@ from bms_gateway.workbench.shared import Shared
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
-    from bms_gateway.workbench.watch import Watch
+    from bms_gateway.workbench.live_estimates import Watch
 
 MOST_AWAKE: Final = 6
-"""Tabs with a process. Of more, those unused for longest keep their work and lose their process until they need it."""
+"""Number of tabs with a process. Beyond it, tabs unused for longest keep their work and lose their process until
+needed."""
 MOST_DESKS: Final = 40
-"""Tabs whose work is kept; of more the one unused for longest goes."""
+"""Number of tabs whose work is kept; beyond it, the one unused for longest is removed."""
 WARM_S: Final = 8.0
-"""After a tab has opened, the process of the next one is started."""
+"""Time after the opening of a tab at which the process of the next one is started."""
 EXAMPLE: Final = ("example: bench.csv.gz", "example: bench.toml")
-"""How the page calls the files of the example."""
+"""Names of the example's files on the page."""
 FORM: Final = ("cell", "cells", "sensors", "flow", "medium")
 LONGEST_ENTRY: Final = 200
 Stamp = tuple[str, int, int]
-"""A file, when it was last written, in ns, and its size: one that differs has been changed."""
+"""A file, its last change, ns, and its size: a difference means that it has changed."""
 
 
 @dataclass(slots=True)
@@ -39,11 +40,11 @@ class Site:
     given : dict or None
         Files of the command line; every new tab opens them.
     watch : Watch or None
-        The live pack, or a log that is played.
+        The live pack, or a log being played.
     local : bool
-        Bound to this machine only: then the page may open files by their path.
+        Bound to this machine only: the page may then open files by their path.
     grafana : str
-        Address of the fleet's dashboard, from `dashboard_address`; empty where there is none.
+        Address of the fleet's dashboard, from `dashboard_address`; empty if there is none.
     """
 
     given: dict[str, Any] | None = None
@@ -58,12 +59,12 @@ class Site:
     closing: bool = False
 
     def warm(self, *, ahead: bool = False) -> None:
-        """Have a desk ready whose process has loaded what it needs, for the next tab.
+        """Prepare a desk for the next tab, with a process that has loaded its modules.
 
         Parameters
         ----------
         ahead : bool
-            Whether it opens the files of the command line already, while the browser is still on its way.
+            Whether it opens the files of the command line already before the browser connects.
         """
         with self.lock:
             if self.spare is None and not self.closing:
@@ -73,12 +74,12 @@ class Site:
                     self.spare.open(self.given)
 
     def new_desk(self) -> Desk:
-        """Open a desk for a tab; the files of the command line are opened on it.
+        """Open a desk for a tab, with the files of the command line.
 
         Raises
         ------
         UsageError
-            The program is ending: nobody would close it.
+            The program is ending and could not close it.
         """
         with self.lock:
             if self.closing:
@@ -91,7 +92,7 @@ class Site:
             one.close()
         self._rest()
         if self.given is not None and (opened is None or opened != _stamps(self.given)):
-            desk.cancel()  # files that were changed since are read anew
+            desk.cancel()  # changed files are read anew
             desk.open(self.given)
         later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
         later.daemon = True
@@ -114,7 +115,7 @@ class Site:
         return found
 
     def _rest(self) -> None:
-        """Let the tabs unused for longest rest, as far as they have nothing to do."""
+        """Let the tabs unused for longest rest, if they are idle."""
         with self.lock:
             awake = [desk for desk in self.desks.values() if desk.awake]
         for desk in awake[: max(len(awake) - MOST_AWAKE, 0)]:
@@ -137,14 +138,14 @@ class Site:
 def _stamps(given: dict[str, Any]) -> list[Stamp]:
     found = []
     for name in filter(None, (*given["tables"], given["model"], given["config"])):
-        with suppress(OSError):  # reading it will say so
+        with suppress(OSError):  # reading it will report it
             told = Path(name).stat()
             found.append((name, told.st_mtime_ns, told.st_size))
     return found
 
 
 def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:
-    """Take files by name: uploaded ones, those of the command line, and by path on this machine only.
+    """Find files by name: uploaded ones, those of the command line, and by path on this machine only.
 
     Raises
     ------
@@ -154,7 +155,7 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
     def one(name: object) -> str:
         if not isinstance(name, str):
             raise UsageError("open: a file's name must be text")
-        if not name.isprintable():  # NUL and half of a surrogate pair among others: no file is called so
+        if not name.isprintable():  # for example NUL and half of a surrogate pair: no file has such a name
             raise UsageError(f"open: {name!a}: a file's name must be printable")
         uploaded = desk.folder / safe_name(name)
         if name and name == uploaded.name and uploaded.is_file():
@@ -190,19 +191,19 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
 
 
 def session_files(site: Site, desk: Desk, files: dict[str, Any]) -> dict[str, Any]:
-    """Find the files of a session that may be another machine's: where a path is not here, an upload of that name.
+    """Find the files of a session, perhaps of another machine: if a path is missing here, an upload of that name.
 
     Raises
     ------
     UsageError
-        Names the files that are neither here nor uploaded.
+        The message names the files that are neither here nor uploaded.
     """
     given, missing = site.given or {}, list[str]()
     known = {*EXAMPLE, *given.get("tables", ()), given.get("model"), given.get("config")}
 
     def one(name: object) -> object:
         if not isinstance(name, str) or not name or not name.isprintable() or name in known:
-            return name  # wrong ones are told by `wanted_files`
+            return name  # `wanted_files` reports wrong ones
         uploaded = safe_name(name)
         beside = bool(uploaded) and (desk.folder / uploaded).is_file()
         if beside and not (site.local and "/" in name and Path(name).is_file()):
@@ -230,7 +231,7 @@ def _shipped(name: str) -> str:
 
 
 def _form(form: object) -> dict[str, str] | None:
-    """Take what a person said of the cell and the string."""
+    """Check a person's entries on the cell and the string."""
     if not form:
         return None
     if not isinstance(form, dict) or not all(isinstance(v, str) and len(v) < LONGEST_ENTRY for v in form.values()):
@@ -239,7 +240,7 @@ def _form(form: object) -> dict[str, str] | None:
 
 
 def _recent(site: Site, body: dict[str, Any], config: str) -> dict[str, str] | None:
-    """Take what is asked for of the gateway's recent signals; from afar only from where the command line says."""
+    """Check a request for the gateway's recent signals; from another machine, only those of the command line."""
     last, store = body.get("recent") or "", body.get("store") or ""
     if not isinstance(last, str) or not isinstance(store, str):
         raise UsageError("open: the recent window and the state directory must be text")

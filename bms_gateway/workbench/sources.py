@@ -13,7 +13,7 @@ from bms_gateway.bus.port import Counters, Link, Port
 from bms_gateway.engine import Engine, drain
 from bms_gateway.errors import GatewayError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
-from bms_gateway.workbench.watch import Watch, bits_on_wire
+from bms_gateway.workbench.live_estimates import Watch, bits_on_wire
 
 SECOND = 1_000_000_000
 
@@ -28,18 +28,18 @@ class Listening:
         self.link: Link = port.link
 
     def traffic(self) -> dict[str, Any]:
-        """Tell what came so far, as `Watch` asks for it."""
+        """Return the traffic so far, in the form for `Watch`."""
         c = self._port.counters
         return {"received": c.received, "dropped": c.dropped, "bits": self.bits, "link": self._port.link.value}
 
     @property
     def gather_s(self) -> float:
-        """As of the port."""
+        """As for the port."""
         return self._port.gather_s
 
     @property
     def emptied(self) -> bool:
-        """As of the port."""
+        """As for the port."""
         return self._port.emptied
 
     def fileno(self) -> int:
@@ -51,7 +51,7 @@ class Listening:
         return self._port.now_ns()
 
     def drain(self) -> FrameBatch:
-        """Take what has arrived, and count it."""
+        """Return the arrived frames, and count them."""
         frames = self._port.drain()
         self.link = self._port.link
         if len(frames):
@@ -62,18 +62,18 @@ class Listening:
         """Send nothing."""
 
     def pump(self) -> float | None:
-        """Reconnect where that is needed."""
+        """Reconnect if needed."""
         wait = self._port.pump()
         self.link = self._port.link
         return wait
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
         self._port.close()
 
 
 class Playback:
-    """Runs the engine through logs ahead of whoever looks.
+    """Runs the engine through logs, ahead of the tabs that show them.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ class Playback:
         self._frames = self._bits = 0
 
     def traffic(self) -> dict[str, Any]:
-        """Tell what was read so far, as `Watch` asks for it."""
+        """Return what was read so far, in the form for `Watch`."""
         return {"received": self._frames, "dropped": 0, "bits": self._bits, "link": "log"}
 
     def start(self, engine: Engine, watch: Watch) -> None:
-        """Begin; what is wrong with a log is told by the watch."""
+        """Begin; errors of a log are shown on the page."""
         threading.Thread(target=self._run, args=(engine, watch), daemon=True).start()
 
     def _run(self, engine: Engine, watch: Watch) -> None:
@@ -105,7 +105,7 @@ class Playback:
         watch.whole = True
 
     def _seconds(self) -> Iterator[FrameBatch]:
-        """Cut the log at whole seconds, so that each tick is seen on its own."""
+        """Divide the log at whole seconds, so that each tick is processed separately."""
         for log in self._logs:
             for batch in read_log(log):
                 second = batch.time_ns // SECOND

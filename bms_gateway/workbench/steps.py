@@ -1,4 +1,4 @@
-"""The steps of the road, from the model in its file to the newest one, as every part of the page names them.
+"""The steps of a session, from the model in its file to the newest one, as all parts of the page name them.
 
 Doubt goes with a step: whether its cores are proven, and whether something unknown remains. A diagnosis that leaves
 something open casts doubt on its own model and on all later ones, until a later model is diagnosed.
@@ -17,15 +17,15 @@ Document = dict[str, Any]
 Window = tuple[float, float]
 """First and last value on the axis of a figure."""
 SERIES = ".series-"
-"""How the names of the files of long series begin; no upload is called so."""
+"""First characters of file names of long series; no upload has such a name."""
 TABLES: Final = ("errors", "parameters", "correlations", "thermocouples")
-"""Of a comparison: HTML that is shown with its step; the two steps of the first model share it."""
+"""HTML of a comparison that is shown with its step; the two steps of the first model share it."""
 REMAINS = "Something unknown remains"
 
 
 @dataclass(slots=True)
 class Frame:
-    """One model on the way, and what was made of it.
+    """One model of the session, and the results from it.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class Frame:
     label : str
         Name of the step.
     words : list of str
-        Effects added to the frame before, as `add` takes them.
+        Effects added to the previous frame, as for `add`.
     drawn : dict
-        What it draws into the figures, by the name of the step; the first frame draws two steps.
+        Its curves in the figures, by the name of the step; the first frame has two steps.
     """
 
     text: str
@@ -52,7 +52,7 @@ class Frame:
 
 
 def steps_of(frames: list[Frame]) -> list[Document]:
-    """Tell the steps in their order: errors, what was added, the model against the readings, and doubt."""
+    """Return the steps in their order: errors, additions, the model against the readings, and doubt."""
     found: list[Document] = []
     for i, f in enumerate(frames):
         variants = f.compared["variants"] if f.compared else {}
@@ -70,7 +70,7 @@ def steps_of(frames: list[Frame]) -> list[Document]:
 
 
 def _worse(before: Document, after: Document) -> str:
-    """Say that a step follows the surfaces less closely than the one before; empty where it does not."""
+    """Say that a step follows the surfaces less closely than the previous one; empty if it does not."""
     one, other = ((s["stair"] or {}).get("trained_K") for s in (before, after))
     if one is None or other is None or not rises(one, other):
         return ""
@@ -89,7 +89,7 @@ UNFITTED: Final = {
     "why": ["How well its cores are known is said of the model that was refitted to these records."],
     "sentence": "Core not judged: these are the parameters of the file, which were not fitted to these records.",
 }
-"""What there is to say of the cores of the model as it is in its file."""
+"""Text on the cores of the model as in its file."""
 
 
 def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
@@ -110,7 +110,7 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
 
 
 def remains(frames: list[Frame]) -> str:
-    """Say what the newest diagnosis of these models left open; empty where there is none, or it left nothing."""
+    """Say what the newest diagnosis of these models left open; empty if there is none, or it left nothing."""
     last = next((f for f in reversed(frames) if f.diagnosed is not None), None)
     if last is None or last.diagnosed is None or not last.diagnosed["remains"]:
         return ""
@@ -118,7 +118,7 @@ def remains(frames: list[Frame]) -> str:
 
 
 def doubt_lines(frames: list[Frame]) -> list[str]:
-    """Say what is to be doubted of the newest model, for the head of its file."""
+    """Return the doubts about the newest model, for the head of its file."""
     core = _step("", frames[-1], None, "")["core"]
     said = [core["sentence"], *core["why"]] if core and not core["proven"] else []
     left = remains(frames)
@@ -128,15 +128,15 @@ def doubt_lines(frames: list[Frame]) -> list[str]:
 def joined(
     figure: Document, steps: Sequence[tuple[str, bool, Mapping[str, Any]]], more: Sequence[Mapping[str, Any]] = ()
 ) -> Document:
-    """Give a figure with what steps draw into it, on axes that hold all of them.
+    """Return a figure with the curves of steps, on axes that contain all of them.
 
     Parameters
     ----------
     figure : dict
     steps : sequence of (name, whether its cores are proven, what it draws)
-        In the order of the road.
+        In the order of the session; each keeps its own `span`, for axes that follow the shown curves.
     more : sequence of dict
-        Other figures whose `span` the axes are to hold too.
+        Other figures whose `span` the axes must contain too.
     """
     spans: dict[str, list[tuple[float, float]]] = {}
     for one in (figure, *(own for _, _, own in steps), *more):
@@ -146,9 +146,7 @@ def joined(
         axis: {**figure["layout"][axis], "range": _padded(min(a for a, _ in found), max(b for _, b in found))}
         for axis, found in spans.items()
     }
-    drawn = [
-        {"name": name, "proven": proven, **{k: x for k, x in own.items() if k != "span"}} for name, proven, own in steps
-    ]
+    drawn = [{"name": name, "proven": proven, **own} for name, proven, own in steps]
     return {"data": figure["data"], "layout": {**figure["layout"], **axes}, "steps": drawn}
 
 
@@ -158,7 +156,7 @@ def _padded(low: float, high: float) -> list[float]:
 
 
 def forget(folder: Path, still: Sequence[str] = ()) -> None:
-    """Delete the files of a tab, but for those that are still shown."""
+    """Delete the files of a tab, except those that are still shown."""
     for path in folder.glob(f"{SERIES}*"):
         if path.name not in still:
             path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""A stretch of the live page's past: so far back from where a tab looks, or between two ends that were chosen."""
+"""A stretch of the live page's past: back from a tab's moment, or between two chosen ends."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -8,15 +8,15 @@ from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
-    from bms_gateway.workbench.watch import Watch
+    from bms_gateway.workbench.live_estimates import Watch
 
 Ends = tuple[float, float]
 """Start and end, s on the clock of the frames."""
 LATEST_S: Final = 1e10
-"""Of any time: three hundred years after 1970."""
+"""Limit of all times: three hundred years after 1970."""
 LONGEST_S: Final = 1e9
 SLACK_S: Final = 1e-3
-"""What a float may lack of the tick that it names."""
+"""Rounding of a float that names a tick, s."""
 
 
 def in_order(ends: Any) -> Ends | None:
@@ -37,7 +37,7 @@ def in_order(ends: Any) -> Ends | None:
 
 
 def of_ends(ends: Ends) -> tuple[int, float]:
-    """Give the end, ns, and the length, s, of a stretch, with what its floats may lack of the ticks at its ends.
+    """Return the end, ns, and the length, s, of a stretch, with a margin for the rounding of its ends.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def of_ends(ends: Ends) -> tuple[int, float]:
 
 
 def table_name(watch: "Watch", string: int) -> str:
-    """Call the table of a string's signals (from 0) in a stretch, wherever it is exported, opened or named."""
+    """Name the table of a string's signals (from 0) in a stretch, for all uses."""
     return f"window_of_{_called(watch, string)}.csv"
 
 
@@ -63,7 +63,7 @@ def signals(watch: "Watch", view: str, string: int, span_s: float, ends: Ends | 
     Raises
     ------
     GatewayError
-        Nothing was heard in this time.
+        There are no signals in this time.
     """
     first_ns, last_ns = watch.stretch_ns(view, span_s, ends)
     watch.signals.table(string, (last_ns - first_ns) * 1e-9, last_ns, out)

@@ -1,4 +1,4 @@
-"""What is taken away from a tab: its model, its report, its session, and the files that lie in its folder."""
+"""Content that can be saved from a tab: its model, its report, its session, and the files in its folder."""
 
 import json
 from collections.abc import Mapping
@@ -16,16 +16,16 @@ KINDS: Final = ("model", "report", "session", "file")
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """One thing to be saved.
+    """One item to be saved.
 
     Attributes
     ----------
     name, kind : str
         Of the file, and its media type.
     body : bytes or Path
-        Content, or where it lies.
+        Content, or its place.
     once : bool
-        Whether what lies there is deleted when it was sent.
+        Whether the file is deleted after it was sent.
     """
 
     name: str
@@ -35,12 +35,12 @@ class Taken:
 
 
 def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
-    """Give what a page asks for: `what` of `KINDS`, and a `name` where the file has none of its own.
+    """Return the requested item: `what` of `KINDS`, and a `name` if the file has none of its own.
 
     Raises
     ------
     UsageError
-        It is not there.
+        It does not exist.
     """
     name = query.get("name", "")
     match query.get("what", ""):
@@ -58,7 +58,7 @@ def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
 
 
 def attached(name: str) -> str:
-    r"""Write the header by which a browser saves a file under its name, letters beyond ASCII too.
+    r"""Write the header by which a browser saves a file under its name, also with letters beyond ASCII.
 
     Examples
     --------

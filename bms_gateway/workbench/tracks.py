@@ -1,4 +1,4 @@
-"""Columns of a table beside those that the model takes: which there are, and one of them as a further track."""
+"""Columns of a table besides those of the model: a list of them, and one of them as a further track."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,19 +24,19 @@ from bms_gateway.workbench.series import Shelf
 
 HEIGHT: Final = 170
 STAYS: Final = 0.5
-"""Share of the rows that equal the row before, from which on a column is drawn in steps."""
+"""Share of the rows that equal the previous row, above which a column is drawn in steps."""
 EPOCH_S: Final = 1e8
-"""From here on a time is one of the wall clock, in s since 1970; below, only the record's own, or a time of day."""
+"""Times from here on are wall clock, in s since 1970; smaller ones are the record's own, or times of day."""
 
 
 def about(path: Path, columns: Sequence[str], record: Record) -> dict[str, Any]:
-    """Tell which columns can be drawn, and when a record began.
+    """Return which columns can be drawn, and when a record began.
 
     Returns
     -------
     dict
-        `others`: name and unit of each column of numbers but the time; none of a log. `began`: s since 1970, or since
-        midnight where the table has times of the day only; None where nothing tells it. `dated`: which of both.
+        `others`: name and unit of each column of numbers except the time; none for a log. `began`: s since 1970, or
+        since midnight if the table has only times of the day; None if unknown. `dated`: which of the two.
     """
     others, began = _about(path, columns, float(record.instants[0]))
     return {"others": others, "began": began, "dated": began is not None and began > EPOCH_S}
@@ -62,12 +62,12 @@ def _about(path: Path, columns: Sequence[str], first: float) -> tuple[list[dict[
 
 
 def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Measured, shelf: Shelf) -> Figure:
-    """Draw one column of a record's table over time; in our unit where it is one of ours.
+    """Draw one column of a record's table over time, in our unit if it is one of our quantities.
 
     Raises
     ------
     DataError
-        There is no such column, or no numbers are in it.
+        There is no such column, or it contains no numbers.
     """
     if log_kind(path) is not None:
         raise DataError(f"{path.name}: a log has no columns: tracks are drawn of tables")
@@ -102,7 +102,7 @@ def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Meas
 
 
 def _switches(y: Floats) -> bool:
-    """Whether a column stays as it is from row to row more often than not, as states and coarse readings do.
+    """Whether a column is more often constant from row to row than not, as states and coarse readings are.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def _stated(rows: Rows, name: str) -> str:
 
 
 def _read(rows: Rows, time: Column, column: Column, dates: Any) -> tuple[Floats, Floats]:
-    """Give time and values of the whole file."""
+    """Return time and values of the whole file."""
     parts = [
         (
             converted(p.values[time.column], time, time.column in dates),

@@ -1,4 +1,4 @@
-"""Uploaded files of a tab: in a folder of its own, bounded in size, deleted with the tab however the program ends.
+"""Uploaded files of a tab: in their own folder, limited in size, deleted with the tab however the program ends.
 
 The program locks each folder for as long as it runs. A folder without a lock belongs to a program that was killed; the
 next start deletes it.
@@ -32,7 +32,7 @@ class Uploads:
     Attributes
     ----------
     folder : Path
-        Made here, locked, for this user only.
+        Created here, locked, for this user only.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Uploads:
         self._closed = False
 
     def receive(self, source: BufferedIOBase, size: int, name: str) -> bool:
-        """Take a file; it is there as a whole or not at all.
+        """Receive a file completely or not at all.
 
         Parameters
         ----------
@@ -55,12 +55,12 @@ class Uploads:
         Returns
         -------
         bool
-            Whether it takes the place of a file of the same name and of other content.
+            Whether it replaces a file with the same name and other content.
 
         Raises
         ------
         UsageError
-            The tab would hold too much, the upload broke off, or the disk cannot take it.
+            The tab would exceed its limit, the upload broke off, or the disk refuses it.
         """
         beside = self.folder / f".{secrets.token_hex(8)}"
         self._promise(size, name)
@@ -76,7 +76,7 @@ class Uploads:
             other = there.is_file() and not filecmp.cmp(there, beside, shallow=False)
             beside.replace(there)
         except (ConnectionError, TimeoutError):
-            raise  # of the browser, not of the disk
+            raise  # from the browser, not from the disk
         except OSError as e:
             raise UsageError(f"{name}: cannot be kept: {e.strerror}") from None
         finally:
@@ -86,7 +86,7 @@ class Uploads:
         return other
 
     def _promise(self, size: int, name: str) -> None:
-        """Set room aside for a whole file before its first byte: others may be on their way beside it."""
+        """Reserve room for a whole file before its first byte, because other uploads may be in progress."""
         with self._lock:
             kept = self._promised + sum(p.stat().st_size for p in self.folder.glob("[!.]*"))
             if kept + size > PER_DESK:
@@ -96,16 +96,16 @@ class Uploads:
             self._promised += size
 
     def close(self) -> None:
-        """Throw everything away."""
+        """Delete everything."""
         with self._lock:
             if not self._closed:
                 self._closed = True
-                shutil.rmtree(self.folder, ignore_errors=True)  # what is written just now is swept at the next start
+                shutil.rmtree(self.folder, ignore_errors=True)  # a file being written now is deleted at the next start
                 os.close(self._handle)
 
 
 def safe_name(name: str) -> str:
-    """Give the last part of a file's name, without what could lead elsewhere or what no system takes.
+    """Return the last part of a file's name, without characters that lead elsewhere or that systems refuse.
 
     Examples
     --------
@@ -117,9 +117,9 @@ def safe_name(name: str) -> str:
 
 
 def sweep(prefix: str = PREFIX) -> None:
-    """Throw away the folders of this name that programs of this user left which were killed."""
+    """Delete the folders with this prefix of killed programs of this user."""
     for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
-        with suppress(OSError):  # somebody else's, or another start sweeps it too
+        with suppress(OSError):  # another user's, or another start deletes it too
             handle = os.open(folder, _DIRECTORY)
             try:
                 if os.fstat(handle).st_uid == os.getuid():
@@ -130,7 +130,7 @@ def sweep(prefix: str = PREFIX) -> None:
 
 
 def own_folder(prefix: str = PREFIX) -> tuple[Path, int]:
-    """Make a folder and lock it; a start that sweeps may come in between, and then it is made once more."""
+    """Make a folder and lock it; if another start deletes it in between, make it again."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=prefix))
         with suppress(FileNotFoundError):

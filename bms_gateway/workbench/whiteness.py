@@ -1,8 +1,8 @@
-"""Pictures of what a step leaves over: correlation with itself and with the inputs, and its size against the noise.
+"""Pictures of the residual of a step: correlation with itself and with the inputs, and its size against the noise.
 
-A model that lacks nothing leaves white noise of the sensor's size. Its autocorrelation lies within the bounds at all
-lags but the first, it is correlated with no input, and its histogram is that of the noise. MATLAB's `resid` shows the
-same; bounds are those of a white residual, 95 %.
+A model that lacks nothing leaves white noise of the sensor's size. The autocorrelation is within the bounds at all lags
+except the first, there is no correlation with an input, and the histogram is that of the noise. MATLAB's `resid` shows
+the same; the bounds are those of a white residual, 95 %.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ LONGEST_S = 600.0
 MOST_LAGS = 400
 LEAST_READINGS = 50
 BIN, WIDEST = 0.25, 6.0
-"""Of the histogram, in sd of the sensor's noise."""
+"""Limits of the histogram, in sd of the sensor's noise."""
 HEIGHT = 230
 INPUTS = {"heat": "the square of the current", "inlet": "the inlet"}
 NOISE, BOUNDS = "noise of the sensor", "95 % bounds of white noise"
@@ -44,7 +44,7 @@ class _Left:
 
 
 def figures(fit: MapFit) -> dict[str, Figure]:
-    """Draw axes, bounds and the noise; what depends on the model is left to `step`."""
+    """Draw axes, bounds and the noise; `step` draws what depends on the model."""
     found: dict[str, Figure] = {}
     for x in _left_over(fit):
         n, lags = len(x.error_K), _lags(x)
@@ -68,7 +68,7 @@ def figures(fit: MapFit) -> dict[str, Figure]:
 
 
 def step(fit: MapFit) -> dict[str, dict[str, Any]]:
-    """Draw what one model leaves over."""
+    """Draw the residual of one model; `beyond` is the share of the readings outside the histogram."""
     found: dict[str, dict[str, Any]] = {}
     for x in _left_over(fit):
         place, lags = f"{x.record}-{x.cell}", _lags(x)
@@ -85,13 +85,14 @@ def step(fit: MapFit) -> dict[str, dict[str, Any]]:
             few = np.unique(np.linspace(0, len(at) - 1, MOST_LAGS).astype(np.int64))
             found[f"{kind}-{place}"] = _drawn(at[few], both[few])
         edges = np.arange(-WIDEST, WIDEST + BIN / 2, BIN)
-        count, _ = np.histogram(np.clip(x.normal, edges[0], edges[-1] - 1e-9), edges)
-        found[f"noise-{place}"] = _drawn(edges[:-1] + BIN / 2, count / (BIN * len(x.normal)), shape="hvh")
+        count, _ = np.histogram(x.normal, edges)
+        own = _drawn(edges[:-1] + BIN / 2, count / (BIN * len(x.normal)), shape="hvh")
+        found[f"noise-{place}"] = own | {"beyond": 1.0 - float(count.sum()) / len(x.normal)}
     return found
 
 
 def correlation(u: Floats, e: Floats, lags: int) -> Floats:
-    """Correlate `e` (K,) with `u` (K,) some readings before, for lags from 0 on, over their root mean squares."""
+    """Correlate `e` (K,) with `u` (K,) of earlier readings, for lags from 0 on, over their root mean squares."""
     n = len(e)
     size = 2 * n
     both: Floats = np.fft.irfft(np.fft.rfft(e, size) * np.conj(np.fft.rfft(u, size)), size)[:lags]
@@ -120,7 +121,7 @@ def _order(m: Measured) -> np.ndarray:
 
 
 def _lags(x: _Left) -> Floats:
-    """Lags, s: by readings, as far apart as the most usual two are."""
+    """Lags, s: multiples of the most usual time between two readings."""
     count = max(min(int(LONGEST_S / x.dt), len(x.error_K) // 4), 2)
     return np.arange(count, dtype=np.float64) * x.dt
 

@@ -1,23 +1,25 @@
 """The process that computes for one tab: requests as lines of JSON on standard input, answers on standard output.
 
-An answer is `{"share", "text"}` or, of an addition, `{"trial": {...}}` while it works, then `{"done": {...}}` or
-`{"error": "one line"}`. It ends with its input, or when nobody reads what it says.
+An answer is `{"share", "text"}` or, for an addition, `{"trial": {...}}` during the work, then `{"done": {...}}` or
+`{"error": "one line"}`. The process ends when its input ends, or when its output is no longer read.
 """
 
 import json
 import os
+import signal
 import sys
 from typing import Any, TextIO
 
 NICE = 5
-"""The page, which a person looks at, comes first."""
+"""Priority below that of the page, which a person looks at."""
 
 
 def main() -> None:
     """Answer until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it also during a fit, without a message
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.nice(NICE)
-    # what a library prints must not stand between the answers
+    # output of libraries must not mix with the answers
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     from bms_gateway.errors import GatewayError
@@ -41,7 +43,7 @@ def main() -> None:
             else:
                 _say(answers, {"done": done})
     except BrokenPipeError:
-        os._exit(0)  # the server has gone; nothing is left to be said, and nobody to say it to
+        os._exit(0)  # the server has ended, so nothing can be reported
 
 
 def _say(answers: TextIO, document: dict[str, Any]) -> None:

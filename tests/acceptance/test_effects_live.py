@@ -35,10 +35,8 @@ def before_and_after(name: str, directory: Path, seed: int = 3, seconds: int = 2
     return before, after
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("resistance_temperature", "entropic_heat")]
-
-
-@pytest.mark.parametrize("name", ["coolant_bypass", *SLOW])
+@pytest.mark.parametrize("name", ["coolant_bypass", "resistance_temperature", "entropic_heat"])
+@pytest.mark.slow
 def test_the_broadcast_core_is_better_with_the_effect_in_the_model_file(name: str, tmp_path: Path) -> None:
     before, after = before_and_after(name, tmp_path, seconds=1500)
     assert after.rms < 0.6 * before.rms

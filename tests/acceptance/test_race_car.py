@@ -15,6 +15,7 @@ from tests.frames.payloads import OWN, parsed
 
 
 @pytest.mark.parametrize("name", LOGS)
+@pytest.mark.plain_cases(1)
 def test_a_real_log_gives_sound_cores_and_right_reasons(name: str, tmp_path) -> None:
     log = need("can", f"{name}.log.gz")
     config = write_race_car(tmp_path)
@@ -48,6 +49,7 @@ ACCEPTED = dict(zip(LOGS, (117, 132, 131), strict=True))
 
 
 @pytest.mark.parametrize("name", LOGS)
+@pytest.mark.plain_cases(1)
 def test_an_input_without_a_sensor_is_not_good_because_it_twitches(name: str, tmp_path) -> None:
     """Some inputs read 24.52 °C, and less by up to 13 K while the inverter switches; 246 of their cores were good."""
     log = need("can", f"{name}.log.gz")

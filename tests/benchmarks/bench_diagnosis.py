@@ -14,6 +14,7 @@ import time
 import traceback
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +42,10 @@ def scenarios(suite, seed, limit):
     return sorted(found, key=lambda s: s.cells)
 
 
-def attempt(suite, log, new_log):
+def attempt(suite, log, new_log, twins):
     """Diagnose one; a crash is a miss like any other."""
     try:
-        return examine(suite, log, new_log)
+        return examine(suite, log, new_log, twins)
     except Exception as error:
         traceback.print_exc()
         s, never = log.scenario, [float("nan")] * 2
@@ -63,10 +64,19 @@ def outcomes(suite, scenarios, pool, peer, peer_every, new_drives):
         some = scenarios[first : first + CHUNK]
         logs = make_logs(some + [new_drive(s) for s in some] * again)
         other = logs[len(some) :] if again else [None] * len(some)
-        submitted = [(log, pool.submit(attempt, suite, log, new)) for log, new in zip(logs, other, strict=False)]
+        twins = without_noise(some) if suite == "unknowns" else [None] * len(some)
+        logs = zip(logs, other, twins, strict=False)
+        submitted = [(log, pool.submit(attempt, suite, log, *more)) for log, *more in logs]
         yield from gathered(waiting, peer, peer_every)
         waiting = submitted
     yield from gathered(waiting, peer, peer_every)
+
+
+def without_noise(scenarios):
+    """Each log without noise and steps, with what is hidden and without it: tuples of two."""
+    plain = [replace(s, noise=0.0, step=0.0) for s in scenarios]
+    logs = make_logs(plain + [replace(s, effects={}) for s in plain])
+    return list(zip(logs[: len(plain)], logs[len(plain) :], strict=True))
 
 
 def gathered(waiting, peer, peer_every):

@@ -1,16 +1,15 @@
-"""Heat that no current makes, and what looks like it: minutes to the alert, causes, false alarms, cores.
+"""Heat that no current makes, and what looks like it: minutes to the alert, causes, cores.
 
-`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--life HOURS] [--layout NAME] [--json F]`
+`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--layout NAME] [--json F]`
 
 Strings come from `heat_case`, whose truth is no code of the package. Seeds below 1000 were used while settings were
-chosen; the figures are of seeds from there on. An alert that comes before the fault, or in a string without one, counts
-as false.
+chosen; the figures are of seeds from there on. An alert that comes before the fault counts as false;
+hours of strings without one: `heat_life`.
 """
 
 import argparse
 import json
 import os
-import sys
 from dataclasses import dataclass
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -145,29 +144,10 @@ def table() -> list[Case]:
     return rows
 
 
-def life(hours: float, first: int, layout: str) -> dict[str, object]:
-    """False alarms of strings with nothing wrong, by code."""
-    cells, sensors, cell = LAYOUTS[layout]
-    counts: dict[str, int] = {}
-    seen, seed, seconds, batch = 0.0, first, 10800, 24
-    kinds = [(p, d, s) for p in ("small", "liquid") for d in ("urban", "us06", "udds", "rest") for s in (0.1, 0.5)]
-    while seen < hours:
-        pack, drive, step = kinds[(seed // batch) % len(kinds)]
-        sound = Case(pack, 0, seconds, drive, at=seconds, step=step, cells=cells, sensors=sensors, cell=cell)
-        made = make(with_seeds(sound, range(seed, seed + batch)))
-        for x in follow(made):
-            for _, code, _ in x.alerts:
-                counts[code] = counts.get(code, 0) + 1
-        seen, seed = seen + batch * seconds / 3600.0, seed + batch
-        print(f"{seen:6.0f} h of strings: {counts}", file=sys.stderr, flush=True)
-    return {"hours": seen, "false": counts}
-
-
 def main() -> None:
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ask.add_argument("--seeds", type=int, default=20)
     ask.add_argument("--first", type=int, default=FIRST_SEED)
-    ask.add_argument("--life", type=float, default=0.0, help="hours of strings with nothing wrong")
     ask.add_argument("--only", nargs="*", default=[], help="faults")
     ask.add_argument("--layout", choices=LAYOUTS, default="three sensors", help="which cells have a thermocouple")
     ask.add_argument("--json")
@@ -178,11 +158,9 @@ def main() -> None:
             continue
         rows.append(score(with_seeds(c, range(args.first, args.first + args.seeds))))
         print(" ".join(f"{k}={v}" for k, v in rows[-1].items()), flush=True)
-    found = life(args.life, args.first, args.layout) if args.life else None
-    print(found or "")
     if args.json:
         with open(args.json, "w", encoding="utf-8") as f:
-            json.dump({"rows": rows, "life": found}, f, indent=1, default=float)
+            json.dump({"rows": rows}, f, indent=1, default=float)
 
 
 if __name__ == "__main__":

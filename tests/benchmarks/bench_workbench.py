@@ -26,10 +26,10 @@ from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.service.live import Gateway
+from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.server import Server
 from bms_gateway.workbench.site import Site
 from bms_gateway.workbench.sources import Listening
-from bms_gateway.workbench.watch import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.truth.hidden import Scenario, make_logs
 from tests.workbench.browser import Driver, Window, why_none

@@ -6,17 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used
-from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.candidates import Candidate, candidates
-from bms_gateway.diagnosis.compare import as_filed
 from bms_gateway.diagnosis.detect import absorbed
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.filed import as_filed, seen_on
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import refit, refit_from_nominal
 from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds
-from bms_gateway.identify.map_fit import MapFit, fitted, stacked
+from bms_gateway.identify.map_fit import MapFit, fitted, solved, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal.effects import effect_named
 from tests.diagnosis.hidden_record import record_of
@@ -27,8 +26,11 @@ FIRST_READINGS_S = 300.0
 """Readings of so long settle where a new drive starts; all later ones judge."""
 
 
-def examine(suite, log, new_log=None):
-    """Diagnose a log and hold the verdict against its truth; `new_log` is another drive of the same pack."""
+def examine(suite, log, new_log=None, twins=None):
+    """Diagnose a log and hold the verdict against its truth.
+
+    `new_log` is another drive of the same pack; `twins` are this log with and without what is hidden, without noise.
+    """
     s = log.scenario
     record, model = record_of(log)
     begin = time.process_time()  # the worker has one thread: what an idle machine would take
@@ -51,6 +53,7 @@ def examine(suite, log, new_log=None):
             for name, (size, _) in s.effects.items()
         ],
         "absorbed": any(name in ABSORBED for name in s.effects),
+        "seen": None if twins is None else seen(record, search.baseline, twins),
         "ours": {
             "verdict": d.verdict,
             "remains": d.unknown_remains,
@@ -82,6 +85,23 @@ def fits(d: Diagnosis):
         before = seen_on(d.second.baseline, ready)
         return before, seen_on(d.second.best, ready) if d.selected else before
     return found.baseline, found.final if d.selected else found.baseline
+
+
+def seen(record, fit: MapFit, twins):
+    """By how much one who knows shape and size of what is hidden finds it: log-likelihood, the numbers of `fit` free.
+
+    twins : the log with what is hidden and without it, both without noise.
+    """
+    (m,) = fit.problem.records
+    at = record.instants[0] + (m.row + m.share) * m.drive.dt
+    moved = np.empty((len(m.y), 1))
+    for j, (_, cell) in enumerate(m.channels):
+        with_it, without = (t.table[f"surface_{cell}_C"] for t in twins)
+        mine = m.channel == j
+        moved[mine, 0] = np.interp(at[mine], twins[0].table["time_s"], with_it - without)
+    column = fit.weighed(fit.problem.averaged(moved))
+    shared = fit.products(column)
+    return 0.5 * float((column.T @ column - shared.T @ solved(fit.H, shared))[0, 0])
 
 
 TAKEN_UP = {
@@ -205,7 +225,7 @@ def new_drive_rmse(fit: MapFit, log):
             if i is not None:
                 values[p.name] = float(np.exp(fit.theta[i])) if p.log else float(fit.theta[i])
         effects.append(replace(e, values=values))
-    known = as_filed(replace(model, priors=priors, effects=tuple(effects)))
+    known = replace(as_filed(replace(model, priors=priors, effects=tuple(effects))), tolerances={})
     m = measured(record, known, join=1)
     offset = np.array([nu.get(f"surface_offset[{k}]", 0.0) for _, k in m.channels])
     seconds = (m.row + m.share) * m.drive.dt

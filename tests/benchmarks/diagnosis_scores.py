@@ -10,6 +10,8 @@ from tests.truth.sizes import AFTER_A_CELL, LOCATED
 
 VISIBLE = 3.0
 """Log-odds of the true effect, fitted directly, from which a diagnosis is held responsible for finding it."""
+SEEN = 6.0
+"""Log-likelihood that tells what is in no catalogue from nothing, shape and size known, from which it shows at all."""
 HELD, NEW = 1.15, 1.2
 """Times the noise floor that a right verdict may leave on held-out readings, on a new drive."""
 
@@ -17,6 +19,11 @@ HELD, NEW = 1.15, 1.2
 def visible(o):
     """Whether every hidden effect of the catalogue shows, each fitted given the others."""
     return bool(o["hidden"]) and all((h["odds"] or -np.inf) >= VISIBLE for h in o["hidden"])
+
+
+def shows(o):
+    """Whether what is in no catalogue could be seen by anybody; so it counts where that was not computed."""
+    return o.get("seen") is None or o["seen"] >= SEEN
 
 
 def hidden(o):
@@ -90,6 +97,10 @@ def _suite(name):
     return lambda o: o["suite"] == name
 
 
+def _strange(o):
+    return o["suite"] == "unknowns" and shows(o)
+
+
 def _pair(o):
     return o["suite"] == "pairs" and visible(o)
 
@@ -123,7 +134,7 @@ SCORES = (
     Score("nothing hidden: false alarms", 0.0, _suite("controls"), lambda o, v: not quiet(o, v), at_most=True),
     Score("absorbed by a parameter: adequate", 1.0, _suite("absorbed"), quiet),
     Score("absorbed by a parameter: adequate and reported as absorbed", 1.0, _suite("absorbed"), reported),
-    Score("in no catalogue: unknown, or something unknown remains", 0.90, _suite("unknowns"), told_unknown),
+    Score("in no catalogue: unknown, or something unknown remains", 0.90, _strange, told_unknown),
     Score("in no catalogue: a cause named", 0.03, _suite("unknowns"), lambda o, v: bool(v["named"]), at_most=True),
     Score(
         "in no catalogue: a cause named as all there is",
@@ -187,6 +198,8 @@ def table(outcomes):
     shown = [o for o in outcomes if o["suite"] in ("singles", "one_cell", "pairs")]
     if shown:
         lines.append(f"visible: {sum(map(visible, shown))} of {len(shown)} logs with effects of the catalogue")
+    if strange := [o for o in outcomes if o["suite"] == "unknowns"]:
+        lines.append(f"visible: {sum(map(shows, strange))} of {len(strange)} logs with what is in no catalogue")
     return lines
 
 
@@ -271,7 +284,9 @@ def missed(o, v):
     if o["suite"] in ("controls", "absorbed"):
         return "" if quiet(o, v) else "false alarm"
     if o["suite"] == "unknowns":
-        return ("a cause named" if v["named"] else "") if told_unknown(o, v) else "not said to be unknown"
+        if v["named"]:
+            return "a cause named"
+        return "" if told_unknown(o, v) or not shows(o) else "not said to be unknown"
     if not visible(o):
         return f"not visible, yet {wrong(o, v)} named" if wrong(o, v) else ""
     return ", ".join(_misnamed(o, v) + (_mispredicted(o, v) if right(o, v) else []))

@@ -92,7 +92,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.__init__: 0  ->  1": WOKEN,
         "Engine.__init__: 0  ->  1  #3": WOKEN,
         "Engine.__init__: 0  ->  1  #6": "losses are told in all: what was told last is not asked",
-        "Engine.__init__: self._woken = 0  ->  pass": WOKEN,
+        "Engine.__init__: self.woken_ns = 0  ->  pass": WOKEN,
         "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
         "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,
         "Engine.receive: int(frames.time_ns[0]) < self._tick_end  ->  int(frames.time_ns[0]) <= self._tick_end": LATER,
@@ -111,6 +111,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/engine/broadcast.py": {
         "Broadcast.encode: True  ->  False": STRICT,
         "Broadcast.encode: True  ->  False  #2": STRICT,
+        "Broadcast.encode: True  ->  False  #3": STRICT,
+        "Broadcast.encode: True  ->  False  #4": STRICT,
     },
     "bms_gateway/engine/estimators.py": {
         "Estimators.__init__: True  ->  False": STRICT,
@@ -145,14 +147,14 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": ctypes.sizeof(ctypes.c_long) - 4  ->  ctypes.sizeof(ctypes.c_long) + 4": BEHIND,
         ": 4  ->  5": BEHIND,
         ": 4  ->  5  #2": BEHIND,
-        ": _recvmmsg.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)  ->  "
+        ": recvmmsg.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)  ->  "
         "pass": "ctypes takes these arguments for the same without being told",
-        ": _recvmmsg.restype = ctypes.c_int  ->  pass": "what ctypes assumes",
+        ": recvmmsg.restype = ctypes.c_int  ->  pass": "what ctypes assumes",
         "Receiver.__init__: 1  ->  2": "any number but 0 switches an option on",
         "Receiver.__init__: 1  ->  2  #2": "any number but 0 switches an option on",
-        "Receiver.take: (n := _recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0"
+        "Receiver.take: (n := recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0"
         "  ->  "
-        "(n := _recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) <= 0": NEVER_NONE,
+        "(n := recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) <= 0": NEVER_NONE,
         "Receiver.take: 0  ->  1": NEVER_NONE,
     },
     "bms_gateway/bus/socketcan.py": {
@@ -212,11 +214,11 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/store/trial.py": {
         "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",
-        "Trial.alive: now_s - self._alive_s > HANG_S  ->  now_s - self._alive_s >= HANG_S": INSTANT,
-        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
-        "time.monotonic() - self._alive_s >= HANG_S": INSTANT,
-        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
-        "time.monotonic() - self._alive_s >= HANG_S  #2": INSTANT,
+        "Trial.alive: now_s - self.alive_s > HANG_S  ->  now_s - self.alive_s >= HANG_S": INSTANT,
+        "Trial.noting: time.monotonic() - self.alive_s > HANG_S  ->  "
+        "time.monotonic() - self.alive_s >= HANG_S": INSTANT,
+        "Trial.noting: time.monotonic() - self.alive_s > HANG_S  ->  "
+        "time.monotonic() - self.alive_s >= HANG_S  #2": INSTANT,
         ": 1  ->  2": NONE_FOR_NONE,
     },
     "bms_gateway/service/on_trial.py": {
@@ -228,13 +230,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": 0.2  ->  1.2": "how old a page may be",
         ": 10.0  ->  11.0": "how soon an address that is taken is tried again",
         "MetricsServer: 1  ->  2": "any number but zero sets the option",
-        "MetricsServer._answer: 1  ->  2  #2": "what follows is not looked at",
-        "MetricsServer._answer: 1  ->  2  #4": "what follows is not looked at",
+        "MetricsServer.answer: 1  ->  2  #2": "what follows is not looked at",
+        "MetricsServer.answer: 1  ->  2  #4": "what follows is not looked at",
     },
     "bms_gateway/service/signals.py": {
-        "_End.now: True  ->  False": "the next call ends the process with all its threads",
+        "End.now: True  ->  False": "the next call ends the process with all its threads",
         "Signals.listen.over: self._poke = _nothing  ->  pass": "the kernel ignores a signal that nothing handles",
-        "Signals._open: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
+        "Signals._open: True  ->  False": "the thread has ended when the process does, or `End` ends the process",
         "Signals._open: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
         "Signals._open.close: ours.close()  ->  pass": LET_GO,
         "Signals._open.close: theirs.close()  ->  pass": LET_GO,
@@ -287,7 +289,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_ahead: True  ->  False  #2": STRICT,
     },
     "bms_gateway/service/doctor.py": {
-        "_python: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": MORE_PARTS,
+        "python_version: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": MORE_PARTS,
     },
     "bms_gateway/bus/sniff.py": {
         "_unpacked: 31  ->  32": "zlib then finds out by itself that it is gzip",
@@ -299,7 +301,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "VirtualPack.segments: True  ->  False": STRICT,
         "VirtualPack.segments: len(time) - 1  ->  len(time) + 1": "slices end with their arrays",
         "VirtualPack.segments: real[:-1] * STEP_S  ->  real[:-1] / STEP_S": A_SECOND,
-        "VirtualPack._inlet: w * time + self._phase  ->  w * time - self._phase": OTHER_DRAWS,
+        "VirtualPack._inlet: w * time + self.phase  ->  w * time - self.phase": OTHER_DRAWS,
         "VirtualPack._start_state: self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)"
         "  ->  self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) - rng.normal(0.0, 0.5, n)": OTHER_DRAWS,
         "VirtualPack._start_state: surface + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)  ->  "
@@ -373,13 +375,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/tally.py": {
         "Tally: 0  ->  1  #10": "no tick ends in the first nanosecond of 1970",
     },
-    "bms_gateway/service/mqtt.py": {
-        "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",
-        "Publisher: self._told = None  ->  pass": "no line of status is STOPPED",
-        "_tls: context.minimum_version = ssl.TLSVersion.TLSv1_2  ->  pass": "the default of this Python",
-        "Publisher: self._client_loop is not None and self._client_task is not None  ->  "
-        "self._client_loop is not None or self._client_task is not None": "both are set together",
-        "Publisher: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
+    "bms_gateway/service/broker.py": {
+        "Broker.__init__: self.line = ''  ->  pass": "set again before it is read",
+        "Broker: self.told = None  ->  pass": "no line of status is STOPPED",
+        "tls_context: context.minimum_version = ssl.TLSVersion.TLSv1_2  ->  pass": "the default of this Python",
+        "Broker.cancel: self._loop is not None and self._task is not None  ->  "
+        "self._loop is not None or self._task is not None": "both are set together",
+        "Broker: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
         "context['message']))  ->  pass": "a line for who looks for a fault, or asyncio's own",
     },
     "bms_gateway/bus/replay.py": {

@@ -37,9 +37,9 @@ from bms_gateway.bus.access import Access
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.chaos.bus_faults import bus_scenarios
 from bms_gateway.chaos.catalogue import Chaos
-from bms_gateway.chaos.live import Vehicle
+from bms_gateway.chaos.observed_run import Bystander, Record
 from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
-from bms_gateway.chaos.record import Bystander, Record
+from bms_gateway.chaos.real_time import Vehicle
 from bms_gateway.chaos.scenario import STEADY, Injection, Outcome, Scenario, is_sound, judge
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine

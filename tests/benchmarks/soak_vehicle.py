@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive, Incident
-from bms_gateway.chaos.live import Vehicle
+from bms_gateway.chaos.real_time import Vehicle
 from bms_gateway.chaos.scenario import Injection
+from bms_gateway.chaos.simulated_pack import Drive, Incident
 from bms_gateway.engine.plan import Plan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database

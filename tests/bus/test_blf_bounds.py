@@ -74,10 +74,10 @@ def test_a_container_unpacks_to_so_many_bytes_and_no_more():
     for size, told in ((MIB - 1, None), (MIB + 1, "a container of over 1 MiB")):
         packed = struct.pack("<H6xI4x", 2, size) + zlib.compress(bytes(size))
         if told is None:
-            assert len(bounds._unpacked(packed)) == size
+            assert len(bounds.unpacked(packed)) == size
         else:
             with pytest.raises(BLFParseError, match=f"^{told}$"):
-                bounds._unpacked(packed)
+                bounds.unpacked(packed)
 
 
 def test_an_object_that_claims_the_containers_behind_it_is_left_at_some_length():
@@ -90,7 +90,7 @@ def test_an_object_that_claims_the_containers_behind_it_is_left_at_some_length()
 
 def test_nothing_huge_is_read_at_once_whatever_a_header_claims():
     source = io.BytesIO(bytes(3 * MIB))
-    file = bounds._Bounded(source)
+    file = bounds.Bounded(source)
     assert (len(file.read(0)), len(file.read(MIB))) == (0, MIB)
     for size, told in ((MIB + 1, "a record of 1 MiB"), (5 * MIB, "a record of 5 MiB"), (-1, "a record of -1 MiB")):
         with pytest.raises(BLFParseError, match=f"^{told}$"):

@@ -183,8 +183,8 @@ def test_what_candump_writes_is_read_by_columns_and_not_line_by_line(monkeypatch
 
 def test_only_lines_that_are_odd_are_read_by_themselves(monkeypatch):
     odd = [b"(1.x) can0 123#11", b"rubbish", b"(1.000001) can0 123##1" + b"AB" * 12, b"(2) can0 123#11"]
-    alone, pattern = [], candump._LINE
-    monkeypatch.setattr(candump, "_LINE", SimpleNamespace(fullmatch=lambda x: alone.append(x) or pattern.fullmatch(x)))
+    alone, pattern = [], candump.LINE
+    monkeypatch.setattr(candump, "LINE", SimpleNamespace(fullmatch=lambda x: alone.append(x) or pattern.fullmatch(x)))
     for k in range(4):
         lines = [STANDARD] * 20
         for place in (0, 1, 7):

@@ -13,7 +13,7 @@ import pytest
 
 from bms_gateway.bus import foreign
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes
-from bms_gateway.bus.foreign import LongLineError, _Lines, _unraised, read_foreign
+from bms_gateway.bus.foreign import Lines, LongLineError, read_foreign, unraised
 from bms_gateway.errors import DataError
 from bms_gateway.frames.batch import FrameBatch
 from tests.bus.frames import rows
@@ -49,7 +49,7 @@ def test_the_bounds():
 
 def test_lines_are_counted_and_a_restart_puts_a_blank_one_before_the_next():
     file = io.StringIO("a\nb\n\n  c  ")
-    lines = _Lines(Path("x.trc"), file)
+    lines = Lines(Path("x.trc"), file)
     assert (lines.number, lines.said(ValueError())) == (0, "")
     assert [next(lines), lines.number] == ["a\n", 1]
     lines.restart()
@@ -64,15 +64,15 @@ def test_lines_are_counted_and_a_restart_puts_a_blank_one_before_the_next():
 def test_some_blank_lines_are_none_the_worse_but_many_in_a_row_are_no_log(monkeypatch):
     monkeypatch.setattr(foreign, "MOST_BLANK", 5)
     text = "\n" * 5 + "a\n" + " \t\n" * 5 + "b\n"
-    assert len(list(_Lines(Path("x.trc"), io.StringIO(text)))) == 12
+    assert len(list(Lines(Path("x.trc"), io.StringIO(text)))) == 12
     with pytest.raises(DataError, match=r"^x\.trc, line 18: 6 blank lines in a row: not a log$"):
-        list(_Lines(Path("x.trc"), io.StringIO(text + "\n" * 7)))
+        list(Lines(Path("x.trc"), io.StringIO(text + "\n" * 7)))
 
 
 def test_a_line_without_end_is_passed_over_in_pieces_and_named(monkeypatch):
     monkeypatch.setattr(foreign, "LONGEST_LINE", 2048)
     whole = "y" * 2047 + "\n"
-    lines = _Lines(Path("x.trc"), io.StringIO(f"{whole}{'x' * 5000}\n{whole}{'z' * 2048}\nlast"))
+    lines = Lines(Path("x.trc"), io.StringIO(f"{whole}{'x' * 5000}\n{whole}{'z' * 2048}\nlast"))
     assert next(lines) == whole
     with pytest.raises(LongLineError, match=r"^a line of over 2 KiB$") as error:
         next(lines)
@@ -224,11 +224,11 @@ def test_errors_in_what_is_thrown_away_are_kept_off_the_terminal_for_one_kind_an
     told = []
     monkeypatch.setattr(sys, "unraisablehook", told.append)
     before = sys.unraisablehook
-    with _unraised(AttributeError):
+    with unraised(AttributeError):
         for kind in (AttributeError, ValueError):
             sys.unraisablehook(SimpleNamespace(exc_type=kind))
     assert [said.exc_type for said in told] == [ValueError]
     assert sys.unraisablehook is before
-    with pytest.raises(ZeroDivisionError), _unraised(AttributeError):
+    with pytest.raises(ZeroDivisionError), unraised(AttributeError):
         raise ZeroDivisionError
     assert sys.unraisablehook is before

@@ -321,7 +321,7 @@ def test_a_drain_takes_the_last_frame_that_the_buffer_can_hold(interface, time, 
     script = Script(*(received(time, *[1] * DEPTH) for _ in range(3)))
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
     port = opened(time)
-    port._drain_most = DEPTH + 1
+    port.drain_most = DEPTH + 1
     assert len(port.drain()) == 2 * DEPTH
 
 
@@ -352,16 +352,16 @@ def test_a_stall_within_a_drain_costs_no_stamp_of_the_next_one(interface, time, 
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
     port = opened(time)
     script.given.append(received(time, 1, 1))
-    later, to_bus = [], port._clock.to_bus
+    later, to_bus = [], port.clock.to_bus
 
     def held_up(stamps, **more):
         stamps_of_stall, parts = stalled(time, 30.0, 40)
         later.append(stamps_of_stall)
         script.given.extend(parts)
-        port._clock.to_bus = to_bus
+        port.clock.to_bus = to_bus
         return to_bus(stamps, **more)
 
-    port._clock.to_bus = held_up
+    port.clock.to_bus = held_up
     assert len(port.drain()) == 2
     np.testing.assert_array_equal(port.drain().time_ns, later[0])
     assert port.counters.misdated == 0
@@ -371,7 +371,7 @@ def test_what_one_drain_leaves_is_not_misdated_in_the_next(interface, time, monk
     script = Script()
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
     port = opened(time)
-    port._drain_most = 3 * DEPTH
+    port.drain_most = 3 * DEPTH
     stamps, parts = stalled(time, 40.0, 200)
     script.given.extend(parts)
     found = [port.drain().time_ns]

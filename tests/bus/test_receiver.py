@@ -150,14 +150,14 @@ def test_a_call_that_has_frames_from_before_and_after_the_first_loss_stamps_all_
 def test_a_frame_without_a_stamp_has_none_and_takes_none_from_the_others(pair, monkeypatch):
     """As of a kernel that does not stamp; ours always does."""
     ours, theirs = pair
-    receiver, real = Receiver(ours), module._recvmmsg
+    receiver, real = Receiver(ours), module.recvmmsg
 
     def unstamped(handle, messages, *others):
         n = real(handle, messages, *others)
         messages[0].header.control_size = 0
         return n
 
-    monkeypatch.setattr(module, "_recvmmsg", unstamped)
+    monkeypatch.setattr(module, "recvmmsg", unstamped)
     for _ in range(3):
         theirs.send(bytes(16))
     stamps = [stamp // 1_000 * 1_000 for _, stamp in one_by_one(ours, 3)]

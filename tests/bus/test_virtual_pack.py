@@ -102,9 +102,9 @@ def test_the_inlet_swings_by_two_waves_about_25_degrees(plan, driven):
     assert np.mean(phases) == pytest.approx(0.0, abs=0.15)
     assert np.std(phases) == pytest.approx(0.5**0.5, abs=0.06)
     assert (min(phases), max(phases)) == pytest.approx((-1.0, 1.0), abs=0.02)
-    parts = {VirtualPack(plan, seed)._phase // (np.pi / 8) for seed in range(300)}
+    parts = {VirtualPack(plan, seed).phase // (np.pi / 8) for seed in range(300)}
     assert parts == set(range(16))
-    assert VirtualPack(plan)._phase == VirtualPack(plan, 0)._phase
+    assert VirtualPack(plan).phase == VirtualPack(plan, 0).phase
 
 
 def test_an_inlet_that_the_config_gives_as_a_number_is_that_number(plan, driven):

@@ -10,9 +10,9 @@ import time
 
 import pytest
 
-from bms_gateway.chaos import live as bench_module
+from bms_gateway.chaos import real_time as bench_module
 from bms_gateway.chaos.catalogue import Chaos
-from bms_gateway.chaos.live import BusScenario, RealTimeBench
+from bms_gateway.chaos.real_time import BusScenario, RealTimeBench
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.service import live

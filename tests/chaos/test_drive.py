@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bms_gateway.chaos.drive import Change, Sensed
 from bms_gateway.chaos.sensors import Frozen, Slow
+from bms_gateway.chaos.simulated_pack import Change, Sensed
 
 T = np.arange(0.0, 300.0)
 BROKEN = (T >= 90.0) & (T < 200.0)

@@ -7,8 +7,8 @@ import pytest
 
 from bms_gateway.bus.virtual import PackFault, VirtualPack
 from bms_gateway.chaos.catalogue import Chaos
+from bms_gateway.chaos.observed_run import Line, Record
 from bms_gateway.chaos.reaction import Told, Untold
-from bms_gateway.chaos.record import Line, Record
 from bms_gateway.config import load_config, shipped
 from bms_gateway.thermal import StringParameters
 from tests.chaos.bench import config

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bms_gateway.chaos.observed_run import Seen
 from bms_gateway.chaos.reaction import Unmoved
-from bms_gateway.chaos.record import Seen
 
 NONE = np.full(2, np.nan)
 SOUND, NOT_SENT, ODD = (0, 11), (15, 15), (0, 8)

@@ -52,6 +52,7 @@ def flags(frames, start):
 
 
 @pytest.mark.parametrize("name", ["ustc_tr_fig7b.csv.gz", "ustc_tr_fig7e.csv.gz"])
+@pytest.mark.plain_cases(1)
 def test_a_recorded_runaway_is_an_alarm_on_the_bus_at_once_and_none_of_its_alarms_ends_while_it_burns(tmp_path, name):
     need("abuse", name)
     x = recorded(name)
@@ -95,6 +96,7 @@ def test_a_hot_cell_whose_sensor_dies_keeps_its_alarm_to_the_end_and_loses_it_wh
     assert states == ["raised", "over"]
 
 
+@pytest.mark.slow
 def test_a_thermocouple_that_shorts_on_a_hot_cell_at_rest_ends_no_alarm_by_what_its_wire_reads(tmp_path):
     hot = np.r_[np.full(60, 70.0), np.linspace(70, 100, 300), np.full(200, 100.0)]
     noisy = np.r_[hot, np.full(800, 25.0)] + 0.05 * np.random.default_rng(1).standard_normal(1360)
@@ -104,7 +106,7 @@ def test_a_thermocouple_that_shorts_on_a_hot_cell_at_rest_ends_no_alarm_by_what_
 
 @pytest.mark.slow
 def test_a_sound_pouch_whose_thermocouples_lag_unlike_is_not_called_hot_by_the_one_that_is_left(tmp_path):
-    """Three places of one cell as three cells: two of them seem to come off, and the model is what is wrong."""
+    """Three places of one cell as three cells: two seem to come off. The model is wrong, and that alone is told."""
     with gzip.open(need("bench", "leaf_cell_pouch_3c.csv.gz"), "rt") as f:
         lines = [line for line in f if not line.startswith("#")]
     rows = np.genfromtxt(lines, delimiter=",", names=True)
@@ -126,5 +128,4 @@ def test_a_sound_pouch_whose_thermocouples_lag_unlike_is_not_called_hot_by_the_o
     assert main(["encode", str(tmp_path / "table.csv"), "--config", str(config), "--out", str(log)]) == 0
     assert main(["analyze", str(log), "--config", str(config), "--out", str(out)]) == 0
     told = {json.loads(line)["name"] for line in (out / "alerts.jsonl").read_text().splitlines()}
-    assert "thermocouple" in told
-    assert not told & {"unexplained_heat", "missing_heat"}
+    assert told == {"unproven"}

@@ -134,7 +134,9 @@ def test_the_hottest_core_is_told_with_its_sd_its_cell_and_its_time(drive, tmp_p
     text = capsys.readouterr().out
     core, sd, after = float(top["core_C"]), float(top["core_sd_K"]), float(top["time_s"]) - start
     where = f"cell {top['cell']} of {top['string']}, {after:.0f} s after the start"
-    assert f"hottest core: {core:.1f} ± {sd:.1f} °C, {where}\n" in text
+    assert f"hottest core: {core:.1f} ± {sd:.1f} °C (1 sd), {where}\n" in text
+    assert "hottest core °C ± 1 sd" in text
+    assert "R_e mΩ ± 1 sd" in text
     row = next(line for line in text.splitlines() if line.startswith("string_1"))
     assert f"{core:.2f} ± {sd:.2f}" in row
     assert row.split()[5:7] == [top["cell"], f"{after:.0f}"]

@@ -97,7 +97,7 @@ def test_a_file_without_the_two_lines_is_left_alone(capsys, tmp_path, text):
     file = tmp_path / "notes.md"
     file.write_text(text, encoding="utf-8")
     assert main(["effects", "--write", str(file)]) == 2
-    assert "needs the line <!-- effects --> once and after it" in capsys.readouterr().err
+    assert "the table goes between a line <!-- effects --> and a later line" in capsys.readouterr().err
     assert file.read_text(encoding="utf-8") == text
 
 

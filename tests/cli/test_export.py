@@ -73,6 +73,7 @@ def test_the_table_holds_what_the_bus_said_within_its_resolution(gateway):
     assert table.time_s[-1] - table.time_s[0] > SECONDS - 3
 
 
+@pytest.mark.slow
 def test_compare_reads_it_directly_and_agrees_with_the_log(gateway, tmp_path):
     table = export(gateway, "compare.csv", "--string", "string_1")
     model, config = str(gateway / "string.toml"), str(gateway / "gateway.toml")

@@ -109,6 +109,7 @@ def test_two_surfaces_alone_leave_the_others_unidentified(tmp_path):
     assert text.count("not identifiable: its surface is not sensed and its voltage is not on the bus") == 3
 
 
+@pytest.mark.slow
 def test_a_log_tells_the_same_as_its_table(tmp_path):
     filed(tmp_path, replace(model(), sensors=ALL), "all.toml")
     config = tmp_path / "bench.toml"

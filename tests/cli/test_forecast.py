@@ -75,6 +75,7 @@ def test_what_comes_next_and_its_score_against_the_truth(bench, tmp_path, capsys
     del surface
 
 
+@pytest.mark.slow
 def test_a_profile_and_a_constant_current_say_the_same_where_they_are_the_same(bench, tmp_path):
     profile = tmp_path / "plan.csv"
     profile.write_text("time_s,current_A\n100,-30\n160,-30\n")

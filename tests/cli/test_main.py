@@ -160,6 +160,7 @@ def test_without_standard_output_a_command_works_all_the_same(tmp_path):
         {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
     ],
 )
+@pytest.mark.plain_cases(1)
 def test_any_encoding_of_the_terminal_and_any_name_of_a_file_will_do(tmp_path, environment):
     """Of what it cannot show, the codes are shown; JSON stays JSON in UTF-8."""
     folder = tmp_path / os.fsdecode(b"name\xff")  # no text in UTF-8
@@ -218,15 +219,16 @@ def test_the_service_starts_without_what_only_other_commands_need():
     needless |= {"identify.likelihood"}
     needless |= {f"observe.{m}" for m in ("effect_observer", "tangent", "open_loop", "luenberger")}
     assert all(importlib.util.find_spec(f"bms_gateway.{m}") for m in needless)
-    needless |= {"bus.pythoncan", "bus.candump", "bus.logfile", "bus.traffic", "service.mqtt"}
+    needless |= {"bus.pythoncan", "bus.candump", "bus.logfile", "bus.traffic", "service.mqtt", "service.broker"}
     assert not loaded & {"numpy.ma", *(f"bms_gateway.{m}" for m in needless)}
 
 
-def test_fits_and_effects_of_the_service_need_no_scipy():
-    """It would take 27 MiB, in the service or in each process of a fit."""
+def test_fits_and_effects_of_the_service_and_check_need_no_scipy():
+    """It would take 27 MiB, in the service or in each process of a fit, and a fifth of the time of `check`."""
     code = (
         "import sys, bms_gateway.identify.posterior_fit, bms_gateway.identify.resistance_by_cell, "
-        "bms_gateway.identify.recursive, bms_gateway.health.window_fit, bms_gateway.observe.effect_observer; "
+        "bms_gateway.identify.recursive, bms_gateway.health.window_fit, bms_gateway.observe.effect_observer, "
+        "bms_gateway.sensors; "
         "print(*sys.modules)"
     )
     assert not {m.split(".")[0] for m in loaded_by(code)} & {"scipy", "cantools", "can"}

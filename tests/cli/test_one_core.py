@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.config.model_file import read_model
-from bms_gateway.report.show import number
+from bms_gateway.report.core_text import half_width
 from bms_gateway.report.step_names import REFITTED
 from bms_gateway.workbench.bench import Bench
 from tests.cli.calls import call, told
@@ -75,7 +75,7 @@ def test_documents_agree_to_the_last_bit(road, key, others, side):
 def test_words_and_pages_show_the_same_figure(road, key, others, side):
     _, _, found, page = road
     core = found["add"][0][key]
-    half = number(1.96 * core["sd_K"])
+    half = half_width(1.96 * core["sd_K"])
     for name in others:
         _, text, html = found[name]
         assert f"± {half} K" in text
@@ -148,7 +148,7 @@ def test_a_page_calls_the_same_numbers_not_identifiable_as_the_terminal(road):
     }
     call("compare", pack.clean, "--model", pack.model, "--html", page)
     html = page.read_text(encoding="utf-8")
-    card = re.search(r"Not identifiable<(.*?)these parameters stay", html, re.DOTALL)
+    card = re.search(r"Not identifiable<(.*?)</dl>", html, re.DOTALL)
     assert set(re.findall(r"[a-z] \((\w+)\)", card[1])) == lost != set()
 
 

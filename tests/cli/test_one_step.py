@@ -23,8 +23,8 @@ from tests.cli.calls import call
 from tests.truth.hidden import Scenario, make_log
 
 BOTH = ("resistance_temperature", "entropic_heat")
-FAST = [(BOTH, "resistance_temperature", 1, 31)]
-MORE = [
+CASES = [
+    (BOTH, "resistance_temperature", 1, 31),
     (("entropic_heat",), "entropic_heat", 1, 41),
     (BOTH, "entropic_heat", 3, 32),
     (("ambient_loss", "resistance_temperature"), "ambient_loss", 1, 31),
@@ -33,6 +33,7 @@ MORE = [
     (("polarization",), "polarization", 1, 33),
     (("natural_convection",), "ambient_loss", 3, 34),
 ]
+pytestmark = pytest.mark.slow  # every command several times; `test_one_core` is a plain test of one case
 SAME = ("train_rmse_K", "heldout_rmse_K")
 
 
@@ -80,10 +81,7 @@ def roads(cases):
     return [pytest.param(c, id=f"{'+'.join(c[0])}, {c[1]} added, {c[2]} cells, {c[3]}") for c in cases]
 
 
-@pytest.fixture(
-    scope="module",
-    params=[*roads(FAST), *(pytest.param(*p.values, id=p.id, marks=pytest.mark.slow) for p in roads(MORE))],
-)
+@pytest.fixture(scope="module", params=roads(CASES))
 def road(request, tmp_path_factory):
     return Road(tmp_path_factory.mktemp("step"), tmp_path_factory.mktemp("uploads"), *request.param)
 

@@ -93,6 +93,7 @@ def closed_out(folder) -> dict[str, tuple[int, str, str]]:
 
 
 @pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.plain_cases(4)
 def test_a_folder_that_may_not_be_entered(closed_out, words):
     status, _, err = closed_out[words]
     told = [line for line in err.splitlines() if "error:" in line]

@@ -130,6 +130,7 @@ class TestAdd:
         assert model.priors["R_e"].rel_sd < 0.2 < nominal.priors["R_e"].rel_sd
         assert format_model(parse_model(format_model(model))) == format_model(model)
 
+    @pytest.mark.slow
     def test_what_the_records_speak_against_is_refused_with_the_reason(self, pack):
         out = pack.folder / "refused.toml"
         words = ("add", "resistance_drift", "--model", pack.model, "--data", pack.hidden, "--out", out)

@@ -68,6 +68,7 @@ def test_a_reload_goes_on_with_the_temperatures_there_are(running):
         ('name = "string_5"\nmodel = "string.toml"', 'name = "string_5"\nmodel = "strin.toml"', "did you mean"),
     ],
 )
+@pytest.mark.plain_cases(1)
 def test_a_reload_of_a_wrong_config_is_refused(running, before, after, says):
     config, engine, _ = running
     text = config.read_text()
@@ -116,6 +117,7 @@ def test_a_start_takes_the_newest_state_that_is_possible(running, tmp_path, capl
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+@pytest.mark.plain_cases(1)
 def test_estimates_go_on_where_nothing_can_be_written(running, tmp_path, monkeypatch, code):
     """Every write is refused, save after save: each is told in one line, and estimates are the same to the bit."""
     config, _, _ = running

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.config import bounds, load_config, text_file
-from bms_gateway.config.bounds import bounded
+from bms_gateway.config import load_config, read_bounds, text_file
+from bms_gateway.config.read_bounds import bounded
 from bms_gateway.errors import ConfigError
 from tests.config.files import DBC, MAPPED, write
 from tests.config.hostile import HOSTILE, SLOW, many_signals
@@ -61,7 +61,8 @@ def test_what_no_file_should_hold_is_told_in_one_line(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("name", SLOW)
 def test_what_takes_too_long_or_too_much_is_given_up(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bounds, "READ_S", 0.1)
+    monkeypatch.setattr(read_bounds, "READ_S", 0.03)  # less than any of these takes on a quick machine
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.005)  # a timer that comes later may miss a quick reading
     files, says = SLOW[name]
     path = lay(tmp_path, files)
     began = time.process_time()
@@ -163,7 +164,7 @@ def test_a_broker_whose_name_no_resolver_takes_is_told_before_the_service_runs(t
 
 def test_strings_of_too_many_cells_are_refused_before_the_service_takes_them(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bms_gateway.config.load.ENGINE_S", 0.02)  # a fast machine takes some tenths of a second
-    monkeypatch.setattr(bounds, "LOOK_S", 0.005)
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.005)
     model = EXAMPLE.replace("cells = 5", "cells = 600")
     config = MAPPED.replace("transmit = true", "transmit = false")
     assert main(["check", str(write(tmp_path, config, model))]) == 2
@@ -171,7 +172,7 @@ def test_strings_of_too_many_cells_are_refused_before_the_service_takes_them(tmp
 
 
 def test_the_bounds_name_the_file_that_was_read_and_leave_no_timer(monkeypatch):
-    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.01)
     handler = signal.getsignal(signal.SIGPROF)
     with pytest.raises(ConfigError, match=r"^inner: reading it takes over 0\.05 s"):  # noqa: SIM117, PT012
         with bounded("outer", seconds=0.05):
@@ -195,7 +196,7 @@ class Late:
 
 
 def test_a_bound_that_strikes_in_a_destructor_is_told_at_the_end(monkeypatch):
-    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.01)
     late = [Late()]
     with pytest.raises(ConfigError, match=r"^a file: reading it takes over 0\.05 s"), bounded("a file", seconds=0.05):
         late.clear()
@@ -203,7 +204,7 @@ def test_a_bound_that_strikes_in_a_destructor_is_told_at_the_end(monkeypatch):
 
 LATE = """
 import os, signal
-from bms_gateway.config.bounds import bounded
+from bms_gateway.config.read_bounds import bounded
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGPROF})
 with bounded("a"):
     os.kill(os.getpid(), signal.SIGPROF)
@@ -220,7 +221,7 @@ def test_a_timer_that_another_thread_has_not_yet_heard_ends_no_process():
 
 
 def test_the_bounds_count_memory_that_grows_within(monkeypatch):
-    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.01)
     kept = []
     with pytest.raises(ConfigError, match=r"^a: reading it takes over 30 MiB"):  # noqa: SIM117, PT012
         with bounded("a", mib=30):
@@ -231,8 +232,8 @@ def test_the_bounds_count_memory_that_grows_within(monkeypatch):
 
 def test_no_parser_swallows_the_end_of_its_time(monkeypatch):
     """As a destructor would, which Python lets raise nothing: the bound comes again."""
-    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
-    monkeypatch.setattr(bounds, "ONCE_MORE_S", 0.05)
+    monkeypatch.setattr(read_bounds, "LOOK_S", 0.01)
+    monkeypatch.setattr(read_bounds, "ONCE_MORE_S", 0.05)
     swallowed = []
     with pytest.raises(ConfigError, match="takes over"):  # noqa: SIM117, PT012
         with bounded("a", seconds=0.05):

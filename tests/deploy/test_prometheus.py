@@ -44,7 +44,7 @@ def exported():
         s.newest.heat[:], s.newest.heat_sd[:] = 0.1, 0.05
         s.forecast.limit_s[:] = 300.0
     publisher = Publisher(Mqtt(host="localhost"), {}, status=str, estimates=dict)
-    page = Page(pack.gateway, lambda: pack.engine, pack.watch, [publisher.families])
+    page = Page(pack.gateway, lambda: pack.engine, pack.watch, [publisher.broker.families])
     found = {"up": {}}
     for family in text_string_to_metric_families(page().decode()):
         for sample in family.samples:

@@ -8,6 +8,7 @@ import pytest
 from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.errors import DataError
 from bms_gateway.thermal import Prior, StringModel
 from tests.diagnosis.logs import rows, string_model
 
@@ -39,6 +40,15 @@ def test_the_worst_comes_first():
 def test_too_short_stops():
     assert findings(first(rows(), 200))["too_short"].severity == "stop"
     assert findings(first(rows(), 900))["short"].severity == "warn"
+
+
+def test_a_record_of_two_rows_is_told_to_have_too_few_readings():
+    """It was said to have none."""
+    two = {k: v[:2] if isinstance(v, np.ndarray) else {a: x[:2] for a, x in v.items()} for k, v in rows().items()}
+    with pytest.raises(
+        DataError, match=r"log: no sensor of the model \(surface_1_C.*\) has 3 readings while the current"
+    ):
+        findings(two)
 
 
 def test_no_heat_stops():
@@ -136,6 +146,15 @@ def sentences(kind, columns, model):
     return [
         f.sentence for f in check_record(make_record(Columns(**columns, source="log"), model), model) if f.kind == kind
     ]
+
+
+def test_surfaces_that_the_model_has_no_sensor_of_are_told():
+    c, _ = twelve()
+    told = "temperatures of the table are not used, because the model has no sensor there: cells"
+    assert sentences("unused_readings", c, string_model(12, (1, 12))) == [f"10 {told} 2 to 11."]
+    (one,) = sentences("unused_readings", c, string_model(12, (1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12)))
+    assert one == "1 temperature of the table is not used, because the model has no sensor there: cell 5."
+    assert sentences("unused_readings", *twelve()) == []
 
 
 def test_a_pack_that_starts_warm_is_one_sentence():
@@ -303,3 +322,15 @@ def test_a_sensor_that_stands_still_under_load_is_stuck_all_the_same():
     columns["current_A"] = np.where(np.arange(len(columns["time_s"])) % 720 < 360, 8.0, -8.0)
     columns["surface_C"][1][:200] += 0.1 * (np.arange(200) // 40)
     assert findings(columns, model)["all_stuck"].severity == "stop"
+
+
+def test_a_column_without_usable_values_is_told():
+    c, model = twelve()
+    assert sentences("no_readings", c, model) == []
+    blank = np.full(len(c["time_s"]), np.nan)
+    c["core_C"] = {1: c["surface_C"][1] + 3.0, 5: blank, 6: np.full(len(blank), 1e6)}
+    c["surface_C"][12] = blank
+    assert sentences("no_readings", c, model) == [
+        "The record has no usable surface temperature of cell 12: there are no values, or impossible ones.",
+        "The record has no usable core temperature of cells 5, 6: there are no values, or impossible ones.",
+    ]

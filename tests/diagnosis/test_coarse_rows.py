@@ -5,67 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, SHOWN, doubt, left_open, less_steps, shows_steps
 from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.prepare import measured
-from bms_gateway.diagnosis.record import make_record
-from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.residuals import structured
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnosis.hidden_record import record_of
+from tests.diagnosis.two_nodes import two_nodes
 from tests.truth.hidden import Scenario, make_log
 
 SHORT = Scenario(cells=1, sensors=(1,), seconds=2400, noise=0.05, seed=7)
-
-
-SMALL_CELL = """cells = 1
-sensors = [1]
-condition = "single"
-effects = []
-[parameters]
-C_c = { value = 60.0, unit = "J/K", rel_sd = 0.05 }
-C_s = { value = 5.0, unit = "J/K", rel_sd = 0.05 }
-R_e = { value = 25.0, unit = "mOhm", rel_sd = 0.3 }
-R_c = { value = 1.2, unit = "K/W", rel_sd = 0.3 }
-R_u = { value = 7.0, unit = "K/W", rel_sd = 0.3 }
-"""
-
-
-def two_nodes(seed, *, noise=0.05, on_the_row=False, R_s=0.0, bleed_W=0.0):
-    """Record and model of a cell of two nodes, 1,800 rows a second apart: its current steps at any instant.
-
-    `bleed_W` heats its casing at times, whatever the current does.
-    """
-    rng = np.random.default_rng(seed)
-    per_s = 20
-    current, k = np.zeros(1800 * per_s), 0
-    while k < len(current):
-        long = int(rng.exponential(25.0) * per_s) + 1
-        if on_the_row:
-            long = max(round(long / per_s), 1) * per_s
-        current[k : k + long] = 5.0 * rng.choice([0, 0, 1, 2, 4, -1, -2])
-        k += long
-    heat, k, other = np.zeros(len(current)), 0, np.random.default_rng(seed + 1000)
-    for at in range(40):
-        long = int(other.uniform(150.0, 450.0) * per_s)
-        heat[k : k + long] = bleed_W * (at % 2)
-        k += long
-    t = np.arange(len(current)) / per_s
-    air = 25.0 + 4.0 * np.sin(2.0 * np.pi * t / 700.0)
-    core, surface, seen = 25.0, 25.0, np.empty(len(t))
-    for i, (amps, around) in enumerate(zip(current.tolist(), air.tolist(), strict=True)):
-        seen[i] = surface
-        inwards = (core - surface) / 1.3
-        core += (amps**2 * 0.022 - inwards) / 62.0 / per_s
-        surface += (inwards + amps**2 * R_s + heat[i] - (surface - around) / 6.0) / 5.2 / per_s
-    y = seen[::per_s] + rng.normal(0.0, noise, 1800)
-    model = parse_model(SMALL_CELL)
-    rows = Columns(
-        time_s=t[::per_s], current_A=current[::per_s], coolant_inlet_C=air[::per_s], surface_C={1: y}, source="small"
-    )
-    return make_record(rows, model), model
 
 
 def every(scenario, k):
@@ -76,13 +26,14 @@ def every(scenario, k):
 
 
 @pytest.mark.parametrize(("cycle", "k"), [("urban", 2), ("us06", 5), ("mixed", 3), ("mixed", 10), ("pulses", 5)])
+@pytest.mark.plain_cases(2)
 def test_what_happened_between_rows_is_no_effect(cycle, k):
     # each of them was given a name, or called unknown, when the rows were taken at their word
     record, model = every(replace(SHORT, cycle=cycle), k)
     found = diagnose(model, [record])
     assert not found.selected, found.sentence
     assert found.verdict == "adequate" or doubt(record) > HOPELESS
-    assert "rows of the current" in found.sentence
+    assert "between its rows" in found.sentence
     assert type(found.unknown_remains) is bool  # numpy's own is none for JSON
 
 
@@ -115,9 +66,8 @@ def test_what_is_left_open_is_what_thinned_rows_do_to_a_right_model(k):
     assert 0.4 < told / np.sqrt(np.mean(moved**2)) < 2.5
 
 
-@pytest.mark.parametrize(
-    ("seed", "noise"), [(12, 0.05), (13, 0.05), pytest.param(14, 0.02, marks=pytest.mark.slow), (15, 0.02)]
-)
+@pytest.mark.parametrize(("seed", "noise"), [(12, 0.05), (13, 0.05), (14, 0.02), (15, 0.02)])
+@pytest.mark.plain_cases(1)
 def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
     # half a second of heat of a small cell stands out of the noise: it was called unknown, or a drift
     record, model = two_nodes(seed, noise=noise)
@@ -127,6 +77,7 @@ def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
 
 
 @pytest.mark.parametrize(("seed", "bleed_W"), [(12, 0.1), (17, 0.15)])
+@pytest.mark.plain_cases(1)
 def test_heat_without_current_is_unknown_although_the_rows_leave_room_for_its_size(seed, bleed_W):
     # a balancing resistor was called "adequate": the unknown current between the rows might be as large
     record, model = two_nodes(seed, bleed_W=bleed_W)
@@ -180,7 +131,8 @@ def test_an_offset_of_the_current_is_not_taken_for_steps_between_its_rows():
     assert [s.candidate.key for s in found.selected] == ["current_offset"], found.sentence
 
 
-@pytest.mark.parametrize("R_s", [0.0015, pytest.param(0.004, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("R_s", [0.0015, 0.004])
+@pytest.mark.slow
 def test_an_effect_beside_steps_between_rows_is_called_by_no_other_name(R_s):
     record, model = two_nodes(17, R_s=R_s)
     found = diagnose(model, [record])

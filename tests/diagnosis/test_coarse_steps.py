@@ -7,15 +7,16 @@ be missing. With an effect hidden, the cores are not called proven.
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.calibrate import held_out, identify
+from bms_gateway.diagnosis.calibrate import identify
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import diagnose
+from bms_gateway.diagnosis.filed import held_out
 from bms_gateway.diagnosis.model_error import ModelError, averaged
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record_windows import learned
 from tests.diagnosis.hidden_record import record_of
-from tests.diagnosis.test_numbers import off
+from tests.diagnosis.number_errors import off
 from tests.truth.hidden import Scenario, make_log
 
 PLACES = {1: (1,), 5: (1, 3, 5)}
@@ -36,6 +37,7 @@ def coarse(cells, step, seed, hidden=None, noise=0.05):
 @pytest.mark.parametrize(
     ("cells", "step", "noise", "seed"), [(1, 1.0, 0.05, 61), (1, 1.0, 0.01, 62), (5, 1.0, 0.05, 63), (5, 0.5, 0.02, 64)]
 )
+@pytest.mark.plain_cases(2)
 def test_an_exact_model_is_told_to_be_one(cells, step, noise, seed):
     log, record, model = coarse(cells, step, seed, noise=noise)
     found = identify(model, [record])
@@ -55,12 +57,14 @@ def test_an_exact_model_is_told_to_be_one(cells, step, noise, seed):
 @pytest.mark.parametrize(
     ("cells", "hidden"), [(1, "entropic_heat"), (1, "resistance_temperature"), (5, "ambient_loss")]
 )
+@pytest.mark.plain_cases(1)
 def test_a_core_is_not_proven_where_an_effect_is_missing(cells, hidden):
     _, record, model = coarse(cells, 1.0, 65, hidden)
     assert not known_core(model, [record]).proven
 
 
 @pytest.mark.parametrize(("cells", "seed"), [(1, 66), (5, 67)])
+@pytest.mark.plain_cases(1)
 def test_windows_learn_from_whole_kelvins(cells, seed):
     log, record, model = coarse(cells, 1.0, seed)
     known = learned(model, [held_out(averaged(measured(record, model), ModelError()))])

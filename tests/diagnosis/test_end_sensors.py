@@ -29,4 +29,4 @@ def test_a_rival_that_explains_less_is_not_tied():
     found = searched(model, [measured(record, model)], Settings(refits=4, effects=1))
     first, *others = found.rounds[0]
     weak = [replace(t, log_odds=0.5 * first.log_odds, share=0.0) for t in others]
-    assert not search._chosen(first, [first, *weak]).tied
+    assert not search.chosen_of(first, [first, *weak]).tied

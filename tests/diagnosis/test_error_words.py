@@ -9,6 +9,7 @@ from bms_gateway.diagnosis.diagnosis import Errors, judged, missing, nothing_mis
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.residuals import Structure
 from bms_gateway.identify.map_fit import stacked
+from bms_gateway.report.html import verdict_tag
 from tests.diagnosis.decided import by_first
 
 
@@ -34,6 +35,7 @@ def spoilt(found, kelvin, rows):
     return replace(found, final=replace(found.final, prediction=replace(found.final.prediction, y=y)))
 
 
+@pytest.mark.slow
 def test_an_effect_that_raises_the_held_out_error_is_not_named():
     found = by_first().search
     assert found.chosen
@@ -54,6 +56,12 @@ def test_an_error_that_rises_is_not_said_to_fall():
     assert "rises from" in text
     assert "falls from" not in text
     assert "speak for them only where they were fitted" in text
+    assert text.startswith("Perhaps missing: ")
+    assert missing(d.baseline, d.after, selected=d.selected, remains=False).startswith("Missing: ")
+    assert verdict_tag(d) == "Missing effect"
+    for held in (1.3, 0.99):
+        unshown = replace(d, after=replace(d.after, heldout_rmse_K=held * d.baseline.heldout_rmse_K))
+        assert verdict_tag(unshown) == "Perhaps an effect, not shown on held-out readings"
 
 
 def test_what_is_tied_is_said_of_the_effect_that_it_looks_like():

@@ -54,10 +54,10 @@ PAIRS = {
     "surface": (("surface_joule", "thermocouple_lag"), ("surface_joule", 0.1, None), {"cells": 1, "sensors": (1,)}),
     "unseen": (("cell_resistance:2", "cell_cooling:2"), ("cell_resistance", "strong", 2), {"inlet": "constant"}),
 }
-QUICK = ("offset",)
 
 
-@pytest.mark.parametrize("pair", [p if p in QUICK else pytest.param(p, marks=pytest.mark.slow) for p in PAIRS])
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.slow
 def test_the_suggested_test_tells_more_on_the_hidden_pack_than_the_worst_ranked(pair):
     keys, effect, scenario = PAIRS[pair]
     log, base, fits = hypotheses(keys, *effect, seed=31, seconds=1800, **scenario)

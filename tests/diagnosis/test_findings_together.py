@@ -12,7 +12,7 @@ def sensor(cell, mean_K, label="while the surface is above 30 °C"):
     """One that reads so much more while its surface is hot, and agrees while it is cold."""
     cold = Bin("while the surface is below 25 °C", 15.0, 25.0, 500, 0.0, 0.01, 0.05)
     hot = Bin(label, 30.0, 40.0, 500, mean_K, 0.01, abs(mean_K))
-    always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 1000, 0.0, 0.05, 0.5),), 0.0, 0.0)
+    always = Regime("always", "always", "", (Bin("on average", 0.0, 0.0, 1000, 0.0, 0.05, 0.5),), 0.0, 0.0)
     surface = Regime("surface", "surface temperature", "°C", (cold, hot), mean_K**2, 0.8)
     trained, held = Level(1000, abs(mean_K), 0.05), Level(200, abs(mean_K), 0.05)
     return Sensor(cell, trained, held, abs(mean_K), 50.0, 0.1, Worst(0, 100.0, mean_K), (always, surface))
@@ -46,13 +46,14 @@ def test_few_cells_are_told_one_by_one():
 
 
 def test_a_constant_error_of_two_cells_is_one_sentence():
-    found = sensor_sentences([constant(2, 0.44), constant(5, 0.49), calm(3)], (), (), 1)
-    assert found[0] == "2 cells (2, 5) read 0.44 to 0.49 K more than the model all along."
+    found = sensor_sentences([constant(2, 0.44), constant(5, 0.49), calm(3)], (), [("always", 0.6)], 1)
+    assert found[-1] == "60 % of the squared error above the noise comes from the mean of the error."
+    assert found[0] == "2 cells (2, 5) read 0.44 to 0.49 K more than the model on average."
 
 
 def constant(cell, mean_K):
     one = sensor(cell, 0.0)
-    always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 1000, mean_K, 0.01, mean_K),), mean_K**2, 0.9)
+    always = Regime("always", "always", "", (Bin("on average", 0.0, 0.0, 1000, mean_K, 0.01, mean_K),), mean_K**2, 0.9)
     return Sensor(cell, one.trained, one.held, abs(mean_K), 50.0, 0.1, Worst(0, 100.0, mean_K), (always,))
 
 
@@ -66,3 +67,16 @@ def constant(cell, mean_K):
 def test_short_times_are_told_in_tenths_of_a_minute(ends, told):
     found = sensor_sentences([sensor(1, 0.5)], [Block(0, *ends, 0.6, 0.5)], (), 1)
     assert found[-1] == told
+
+
+def test_what_no_regime_explains_is_told_as_the_largest_error_over_half_a_minute():
+    def unexplained(cell):
+        one = sensor(cell, 0.3)
+        return Sensor(cell, one.trained, one.held, 0.027, 50.0, 0.1, Worst(0, 100.0, -0.19), one.regimes[:1])
+
+    assert sensor_sentences([unexplained(6), calm(1)], (), (), 1)[0] == (
+        "Cell 6 is up to 0.19 K off over half a minute (structured error 0.027 K rms), "
+        "and no single regime explains it."
+    )
+    together = sensor_sentences([unexplained(k) for k in range(1, 6)], (), (), 1)[0]
+    assert together == "All cells are up to 0.19 K off over half a minute, and no single regime explains it."

@@ -29,6 +29,7 @@ def with_hole(scenario):
 
 
 @pytest.mark.parametrize("scenario", QUIET, ids=lambda s: s.cycle)
+@pytest.mark.plain_cases(2)
 def test_a_hole_in_a_log_is_no_effect(scenario):
     record, model = with_hole(scenario)
     assert len(record.segments) == 2
@@ -36,6 +37,7 @@ def test_a_hole_in_a_log_is_no_effect(scenario):
     assert (found.verdict, found.unknown_remains, found.selected) == ("adequate", False, ()), found.sentence
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_in_a_log_with_a_hole():
     record, model = with_hole(suited({"resistance_temperature": "medium"}, 3, 6_400_020, reading=(0.1, 0.1)))
     found = diagnose(model, [record])

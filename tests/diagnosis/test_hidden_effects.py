@@ -69,6 +69,7 @@ def diagnosed(log):
 
 
 @pytest.mark.parametrize("effect", dear_ones_slow(effect for effect, _, _ in SINGLES))
+@pytest.mark.plain_cases(3)
 def test_a_hidden_effect_is_named_with_its_cell_and_the_rest_is_noise(effect):
     log = logs()["single", effect]
     found = diagnosed(log)
@@ -90,6 +91,7 @@ def test_what_is_in_no_catalogue_is_called_unknown(name):
     assert found.verdict == "unknown_effect" or found.unknown_remains, found.sentence
 
 
+@pytest.mark.slow
 def test_two_hidden_effects_are_both_named():
     found = diagnosed(logs()["pair", 0])
     assert sorted(s.candidate.name for s in found.selected) == sorted(PAIR), found.sentence

@@ -42,6 +42,7 @@ def test_nothing_is_missing_from_a_pack_without_a_hidden_effect():
         (("resistance_drift", "strong", None), {"seed": 6}, "core", {"I2_time"}),
     ],
 )
+@pytest.mark.plain_cases(2)
 def test_the_missing_heat_follows_what_makes_it(effect, scenario, node, features):
     _, got = missing(*effect, **scenario)
     assert got.follows[0].feature in features

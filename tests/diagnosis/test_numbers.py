@@ -15,6 +15,7 @@ from bms_gateway.diagnosis.core_band import core_bands, posterior
 from bms_gateway.diagnosis.core_known import known_core
 from tests.diagnosis.hidden_record import record_of
 from tests.diagnosis.measured_cells import CELLS, bench_record
+from tests.diagnosis.number_errors import NAMES, off
 from tests.truth.hidden import Scenario, make_log
 
 HEAT = ("resistance_temperature", "entropic_heat")
@@ -25,8 +26,6 @@ CASES = [
     (HEAT, HEAT[1], 3, 31),
     (LOSS, LOSS[0], 3, 31),
 ]
-NAMES = ("R_c", "R_u")
-"""Their truth does not hang on where the law of R_e is stated."""
 MOST = 2.0
 """Root mean square of the errors, in sd; 1 where every sd is right."""
 
@@ -41,17 +40,6 @@ def step(hidden, added, cells, seed):
     )
     record, model = record_of(log)
     return log, record, model, add_effects(model, [record], [wanted(added, model)])
-
-
-def off(fit, log):
-    """Errors of a fit's numbers, in sd."""
-    sd = np.sqrt(np.diag(posterior(fit)))
-    found = []
-    for name in NAMES:
-        i = fit.problem.index(name)
-        nominal = np.mean(np.log(fit.problem.model.priors[name].value))
-        found.append((nominal + fit.theta[i] - np.mean(np.log(log.pack[name]))) / sd[i])
-    return found
 
 
 @pytest.mark.slow
@@ -94,7 +82,8 @@ def test_cores_of_measured_cells_lie_in_the_band_of_the_numbers_with_an_effect(n
     assert np.mean(np.abs(error[late]) <= 2.0 * band.total_K[late, 0]) >= 0.9
 
 
-@pytest.mark.parametrize("case", [CASES[3], *(pytest.param(c, marks=pytest.mark.slow) for c in (CASES[0], CASES[6]))])
+@pytest.mark.parametrize("case", [CASES[3], CASES[0], CASES[6]])
+@pytest.mark.slow
 def test_a_model_that_is_read_again_has_the_same_numbers_to_the_last_bit(case):
     _, record, _, addition = step(*case)
     again = parse_model(format_model(addition.model))

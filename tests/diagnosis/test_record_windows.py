@@ -46,11 +46,13 @@ def inside(found, record, core):
 
 
 @pytest.mark.parametrize(("effect", "seed"), HIDDEN)
+@pytest.mark.plain_cases(2)
 def test_no_effect_that_the_model_lacks_moves_the_core_out_of_its_band(effect, seed):
     assert inside(*strong(effect, seed)) >= 0.9
 
 
 @pytest.mark.parametrize(("effect", "seed"), STRINGS)
+@pytest.mark.plain_cases(1)
 def test_nor_does_it_in_a_string(effect, seed):
     assert inside(*strong(effect, seed, cells=5)) >= 0.9
 
@@ -65,6 +67,7 @@ WITH = [
 
 
 @pytest.mark.parametrize(("has", "lacks", "cells", "seed"), WITH)
+@pytest.mark.plain_cases(1)
 def test_nor_of_a_model_that_has_an_effect_already(has, lacks, cells, seed):
     """Numbers of a whole record with a model error: cores 6 to 13 K off, 3 to 31 % inside their band.
 
@@ -89,6 +92,7 @@ def of_measured(name):
 
 
 @pytest.mark.parametrize("name", CELLS)
+@pytest.mark.plain_cases(1)
 def test_capacities_of_measured_cells_stay_near_what_is_known(name):
     fit = of_measured(name)[0].fit
     for c, z in zip(fit.problem.coordinates, fit.theta, strict=True):
@@ -97,6 +101,7 @@ def test_capacities_of_measured_cells_stay_near_what_is_known(name):
 
 
 @pytest.mark.parametrize("name", ["lfp_32113_insulated_1", "a123_26650_hev2"])
+@pytest.mark.plain_cases(1)
 def test_core_of_measured_cells_is_inside_the_band_of_their_numbers(name):
     assert inside(*of_measured(name)) >= 0.9
 
@@ -107,6 +112,7 @@ def test_numbers_that_follow_the_surfaces_best_are_told_apart():
     assert best < believed
 
 
+@pytest.mark.slow
 def test_a_fit_of_the_same_effects_keeps_the_doubt_of_their_core():
     """A fit of the file that `add` wrote took its doubt back: of the same numbers, ± 31 K became ± 4 K."""
     both = {"resistance_temperature": ("medium", None), "radial_gradient": ("strong", None)}
@@ -143,6 +149,7 @@ def three_hours(seed):
 
 @pytest.mark.parametrize("seed", [5, 6, 7])
 @pytest.mark.parametrize("every", [20, 60])
+@pytest.mark.plain_cases(2)
 def test_rows_too_far_apart_to_know_the_heat_teach_nothing(seed, every):
     log, model, whole = three_hours(seed)
     rows = {name: values[::every] for name, values in log.table.items()}
@@ -222,6 +229,7 @@ def in_turn(R_u):
 
 
 @pytest.mark.parametrize("R_u", ORDERS)
+@pytest.mark.plain_cases(1)
 def test_each_record_has_its_own_cooling(R_u):
     found, _ = in_turn(R_u)
     for name, true in (("R_u", R_u[-1]), ("R_e", 0.025)):

@@ -50,6 +50,7 @@ def test_special_causes_are_not_believed_once_the_model_itself_errs():
     assert {h.refused for h in b.found.values() if h.special} == {UNCLEAN}
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_likelier_to_be_another_is_said_to_be_one_of_several():
     d = by_second()
     key = d.selected[0].candidate.key
@@ -101,6 +102,7 @@ def test_add_tells_a_refused_effect_by_what_it_does_to_the_readings():
     assert step.refused.endswith("these records lack something that is in no catalogue")
 
 
+@pytest.mark.slow
 def test_with_a_voltage_the_answer_stays_in_physical_effects():
     """Heat by the voltage would explain anything that makes heat: it is offered when nothing physical explains it."""
     _, record, model = hidden(
@@ -116,6 +118,6 @@ def test_with_a_voltage_the_answer_stays_in_physical_effects():
     few = Settings(refits=1, effects=1)
     names = {t.candidate.name for r in search(model, ready, few).rounds for t in r}
     assert "voltage_heat" not in names
-    found = search(model, ready, few, voltage=True)
+    found = search(model, ready, replace(few, voltage=True))
     assert "voltage_heat" in {g.candidate.name for g in found.gains}
     assert by_first().search.asked is by_first().search.rounds

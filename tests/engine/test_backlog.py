@@ -108,12 +108,11 @@ def test_what_has_waited_is_what_would_have_come_tick_by_tick(seed: int, holes: 
         backlog.catch_up(j)
     for a, b in zip(at_once, later, strict=True):
         assert a.found == b.found
-        mine, theirs = a.identifier.now, b.identifier.now
-        assert (mine.square, mine.inlet, mine.dt, mine.held) == (theirs.square, theirs.inlet, theirs.dt, theirs.held)
-        for name in ("_square", "_inlet", "_dt", "_held"):
-            assert getattr(a.collector, name) == getattr(b.collector, name)
-        for one, other in ((mine.readings, theirs.readings), (a.collector._readings, b.collector._readings)):
-            for x, y in zip(one.whole(), other.whole(), strict=True):
+        for mine, theirs in ((a.identifier.now, b.identifier.now), (a.collector.ticks, b.collector.ticks)):
+            for name in ("inlet", "dt", "held"):
+                assert getattr(mine, name) == getattr(theirs, name)
+            assert np.array_equal(mine.of_ticks, theirs.of_ticks, equal_nan=True)
+            for x, y in zip(mine.readings.whole(), theirs.readings.whole(), strict=True):
                 assert np.array_equal(x, y)
         assert a.collector._soc == b.collector._soc
     if not holes:

@@ -1,5 +1,6 @@
 """What is put into our messages, and when: read back by cantools."""
 
+import pickle
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 
 from bms_gateway import __version__
+from bms_gateway.engine import broadcast
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.estimators import AVAILABLE_SD_K, Estimators
 from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.sent import GATEWAY_MESSAGES, STRING_MESSAGES
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.identify import Estimate
 from tests.engine.packs import database, plan
@@ -175,6 +178,27 @@ def test_what_is_not_raised_names_no_thermocouple() -> None:
     assert told["R_u_growth"] == pytest.approx(-25.0)
 
 
+def test_each_row_of_the_table_fills_its_own_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is added to the table leaves under its own name: rows are given different values and read back."""
+
+    def chosen(signals: tuple) -> list[float]:
+        return [s.low + (3 + i) * s.scale if s.table is None else min(i, s.high) for i, s in enumerate(signals)]
+
+    def with_values(m):
+        parts = tuple(replace(p, values=lambda _, p=p: chosen(p.signals)) for p in m.parts)
+        return replace(m, parts=parts)
+
+    for name in ("STRING_MESSAGES", "GATEWAY_MESSAGES"):
+        monkeypatch.setattr(broadcast, name, tuple(with_values(m) for m in getattr(broadcast, name)))
+    told = said(estimators())
+    for m in (*STRING_MESSAGES, *GATEWAY_MESSAGES):
+        found = told[m.name if m in GATEWAY_MESSAGES else f"string_1_{m.name}"]
+        for c in range(1, 5) if m.of_cells else (1,):
+            for p in m.parts:
+                for s, value in zip(p.signals, chosen(p.signals), strict=True):
+                    assert found[s.name.format(c=c)] == pytest.approx(value, abs=0.51 * s.scale), (m.name, s.name)
+
+
 def test_the_gateway_says_how_it_does() -> None:
     told = said(estimators(), state=State.DEGRADED)
     status, info = told["gateway_status"], told["gateway_info"]
@@ -210,6 +234,13 @@ def test_every_message_goes_out_in_its_cycle_in_the_order_of_the_strings_and_sta
         + ["forecast"] * 4
     )
     assert names == [f"string_{k}_{p}" for k in (1, 2) for p in parts] + ["gateway_status", "gateway_info"]
+
+
+def test_a_broadcast_goes_to_another_process() -> None:
+    """A config that is read again is made into an engine in a process of its own."""
+    of = known(estimators())
+    there = pickle.loads(pickle.dumps(Broadcast(plan(1), database())))
+    assert content(there.encode(TEN, of, State.RUNNING, COUNTS)) == said(of)
 
 
 def test_states_are_those_of_the_dbc() -> None:

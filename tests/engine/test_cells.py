@@ -64,6 +64,7 @@ def error(told: list, cells: slice) -> np.ndarray:
     return np.array([e.core - PACK.core[0, s] for e, s in zip(got, seconds, strict=True)])[:, cells]
 
 
+@pytest.mark.slow
 def test_the_unread_hot_cells_are_sent_much_closer() -> None:
     without, with_voltages = (np.sqrt(np.mean(error(events(v), slice(1, 4)) ** 2)) for v in (False, True))
     assert with_voltages < 2.0

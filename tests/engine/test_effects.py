@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Cells, Channel, Engine, Estimated, Notice, Parameters, Plan, drain, drive
-from bms_gateway.engine.broadcast import STATUS_CODES
+from bms_gateway.engine.sent_values import STATUS_CODES
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
@@ -120,6 +120,7 @@ def test_numbers_of_effects_are_told_with_the_strings_own() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.plain_cases(1)
 def test_nothing_on_the_bus_raises(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = 600

@@ -47,6 +47,7 @@ def test_frame_by_frame_with_timers_in_between_is_the_same_stream() -> None:
     assert text(out) == WHOLE
 
 
+@pytest.mark.slow
 def test_when_a_result_comes_before_its_time_changes_nothing_and_a_late_one_counts_from_then_on() -> None:
     """A live shell brings a result some ticks later; it counts from its due time on, and is waited for after it."""
     frames = traffic(1250, strings=1)
@@ -77,6 +78,7 @@ def test_when_a_result_comes_before_its_time_changes_nothing_and_a_late_one_coun
 
 
 @pytest.mark.parametrize("edges", [[], list(range(0, 20_000, 170))])
+@pytest.mark.plain_cases(1)
 def test_a_job_is_run_once_however_many_ticks_a_batch_holds(monkeypatch: pytest.MonkeyPatch, edges: list[int]) -> None:
     runs = []
     run = WindowJob.run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Engine, SendFrames, drive
-from bms_gateway.frames.own_dbc import flags_message, growth_message
+from bms_gateway.frames.own_dbc import string_message
 from tests.engine.packs import database, plan, traffic
 from tests.frames.payloads import OWN, parsed
 
@@ -26,11 +26,11 @@ def told(engine: Engine) -> dict[str, dict[int, dict]]:
 
 def test_before_commissioning_flags_are_not_available_but_mismatch_is() -> None:
     frames = told(Engine(plan(), database()))
-    flags = frames[flags_message(1)][0]
+    flags = frames[string_message(1, "flags")][0]
     for name in ("ageing_flag", "cooling_flag", "thermocouple_flag", "current_flag"):
         assert flags[name] == 15, name
     assert flags["mismatch_flag"] == 0
-    growth = frames[growth_message(2)]
+    growth = frames[string_message(2, "growth")]
     assert sorted(growth) == [1, 2, 3, 4]
     assert growth[3]["flag_03"] == 15
     assert growth[3]["growth_03"] > 500  # raw all ones
@@ -52,15 +52,15 @@ def test_every_flag_has_its_place() -> None:
     h.drift.kelvin, h.drift.sd = np.array([0.1, -2.2]), np.array([0.1, 0.1])
     h.cooling.growth = 0.314
     frames = told(engine)
-    flags = frames[flags_message(1)][0]
+    flags = frames[string_message(1, "flags")][0]
     assert [flags[f"{x}_flag"] for x in ("ageing", "cooling", "thermocouple", "current", "mismatch")] == [2, 1, 2, 1, 2]
     assert flags["thermocouple_cell"] == 4
     assert flags["R_u_growth"] == pytest.approx(31.4)
-    growth = frames[growth_message(1)]
+    growth = frames[string_message(1, "growth")]
     assert growth[1]["growth_01"] == pytest.approx(100 * h.cells.ageing[0].growth, abs=0.01)
     assert growth[3]["growth_sd_03"] == pytest.approx(100 * h.cells.ageing[2].growth_sd, abs=0.01)
     assert growth[3]["flag_03"] == h.cells.ageing[2].flag.level
-    labels = DBC.get_message_by_name(flags_message(1)).get_signal_by_name("cooling_flag").choices
+    labels = DBC.get_message_by_name(string_message(1, "flags")).get_signal_by_name("cooling_flag").choices
     assert {k: str(v) for k, v in labels.items()} == {
         0: "none", 1: "warning", 2: "alarm", 14: "error", 15: "not available"
     }  # fmt: skip

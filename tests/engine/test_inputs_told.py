@@ -68,7 +68,7 @@ def test_an_input_is_told_when_it_begins_or_ceases_to_be_good(before: Quality) -
         signal = own_signal(1, "surface", 4)
         text = f"is not used: {REASONS.get(now)}" if now != Quality.GOOD else "is good again"
         level = Level.WARNING if now != Quality.GOOD else Level.NOTICE
-        notice = Notice(9, level, "sensor", f"surface of cell 4 {text} ({signal})", "string_1", 4)
+        notice = Notice(9, level, "sensor", f"surface of cell 4 {text} ({signal})", "string_1", 4, "surface")
         assert told == [notice] * worth
         assert made.changes(10) == []
 

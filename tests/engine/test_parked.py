@@ -58,6 +58,7 @@ def heated() -> dict:
 
 
 @pytest.mark.parametrize("restarts", [False, True])
+@pytest.mark.plain_cases(1)
 def test_heat_of_a_night_is_told_at_the_first_wake_up_of_twenty_seconds_after_it_began(heated, restarts) -> None:
     wakes = [(k, k + 30) for k in range(0, 10900, 3600)]
     engine, events = parked(plan(model("small")), heated, wakes, restarts=restarts)

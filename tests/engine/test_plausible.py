@@ -67,10 +67,10 @@ def test_a_covariance_is_symmetric_and_negative_in_no_direction_but_for_rounding
             if good:
                 check_covariance("front", "temperatures", P)
             else:
-                with pytest.raises(StateError, match="front: the covariance of its temperatures is none"):
+                with pytest.raises(StateError, match="front: the matrix of its temperatures is no covariance"):
                     check_covariance("front", "temperatures", P)
     for bad in (math.nan, math.inf):
-        with pytest.raises(StateError, match="is none"):
+        with pytest.raises(StateError, match="is no covariance"):
             check_covariance("front", "temperatures", np.array([[bad]]))
 
 
@@ -91,7 +91,7 @@ def test_a_parameter_known_to_no_better_than_a_factor_of_150_is_refused_with_its
     check_parameters("rear", posterior(middle, 5.0))
     with pytest.raises(StateError, match=r"R_e is 5 mOhm ± 501 %"):
         check_parameters("rear", posterior(middle, 5.01))
-    with pytest.raises(StateError, match="is none"):
+    with pytest.raises(StateError, match="is no covariance"):
         check_parameters("rear", Posterior(("R_e",), np.array([middle]), np.array([[-1.0]])))
     with pytest.raises(StateError, match="R_e is nan"):
         check_parameters("rear", posterior(math.nan, 0.1))

@@ -9,6 +9,9 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
+from bms_gateway.engine import observed
+from bms_gateway.engine.engine import Engine
+from bms_gateway.engine.events import Notice
 from bms_gateway.engine.statistics import OneOfSeveral
 from bms_gateway.errors import ConfigError
 from tests.benchmarks.bench_several import CASES, DBC, MODEL, Case, hottest, score
@@ -112,6 +115,13 @@ def test_the_band_opens_where_some_cell_heats_by_itself(tmp_path) -> None:
     assert not told[late].all()
 
 
+def test_the_least_and_the_mean_beside_it_make_the_hottest_core_no_worse(tmp_path) -> None:
+    """The hottest of these cells is cooled worse by a quarter; it makes no more heat."""
+    alone, all_three = (score(CASES[name], 804, 15, 8) for name in ("graded cooling, greatest only", "graded cooling"))
+    assert all_three["rmse_K"] <= min(1.5, alone["rmse_K"] + 0.2)
+    assert all_three["inside"] >= 0.95
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("form", [HOT, ALL], ids=["greatest", "all"])
 def test_the_hottest_core_of_packs_that_are_off_as_their_priors_say(form: str, tmp_path) -> None:
@@ -126,6 +136,30 @@ def test_the_hottest_core_of_96_cells(tmp_path) -> None:
     rmse, inside = error_of(96, HOT, 5, 15, tmp_path)
     assert rmse <= 1.5
     assert inside >= 0.95
+
+
+def test_a_state_without_the_cooling_of_single_cells_leaves_what_was_learnt(tmp_path, monkeypatch) -> None:
+    path = config(tmp_path, 4, ALL.format(4))
+    loaded = load_config(path)
+
+    def engine() -> Engine:
+        return Engine(loaded.plan, loaded.database)
+
+    with monkeypatch.context() as m:
+        m.setattr(observed, "COOLING_OVER_HEAT", 0.0)  # the observer has two states a cell then
+        state = json.loads(json.dumps(engine().snapshot()))
+    learnt = state["estimators"]["strings"]["s"]["health"]
+    learnt["trend"]["x"][4] = 2.25
+    now = engine()
+    now.restore(state)
+    event = now.next_output()
+    assert isinstance(event, Notice)
+    assert event.text == "s: temperatures start anew"
+    kept = now.snapshot()
+    assert kept["estimators"]["strings"]["s"]["health"] == learnt
+    again = engine()
+    again.restore(json.loads(json.dumps(kept)))
+    assert again.next_output() is None
 
 
 def test_all_three_are_told_apart_in_the_table_of_signals(tmp_path) -> None:
@@ -182,6 +216,7 @@ def test_what_cannot_be_is_one_line(surface: str, part: str, tmp_path) -> None:
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_a_cell_that_stands_for_a_reading_takes_it_on_the_offline_road(tmp_path, capsys) -> None:
     log, _ = drive(tmp_path, 4, 1, 8)
     path, model = config(tmp_path, 4, ALL.format(4)), tmp_path / "string.toml"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bms_gateway.cli.fleet import _once
+from bms_gateway.cli.fleet import once
 from bms_gateway.fleet.keys import place_key
 
 
@@ -22,4 +22,4 @@ def test_a_link_to_itself_and_a_name_that_is_no_text_have_keys_of_their_own(odd)
 
 
 def test_each_of_them_is_listed_once(odd):
-    assert _once([*odd, *odd]) == odd
+    assert once([*odd, *odd]) == odd

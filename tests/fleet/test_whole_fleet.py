@@ -189,6 +189,7 @@ class _Harmless:
     log = config = config_key = vehicle = "/nowhere"
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_takes_only_its_own_log_along_and_what_nobody_foresaw_is_told(tmp_path):
     # the first dies, is done again, and is then nothing that could be analysed
     tasks = [Deadly(tmp_path / "once", always=False), Deadly(tmp_path / "always", always=True), _Harmless()]

@@ -173,3 +173,21 @@ def test_a_current_at_an_end_of_its_signal_is_out_of_range_but_zero_is_no_end(na
     info = Database.load({"a.dbc": DBC}).resolve(f"M.{name}")
     rule = default_rule("current", info, scale)
     assert (rule.lower, rule.upper) == (pytest.approx(lower), pytest.approx(upper))
+
+
+def test_bytes_of_two_measurements_and_open_contactors_accuse_no_current() -> None:
+    """Samples of a voltage of 500 V that read a few volts, and noise before contactors close, are no moves."""
+    rng = np.random.default_rng(5)
+    meter = Ammeter(0.01)
+    for _ in range(30):
+        meter.update(np.zeros(10), rng.choice([0.0, 2.6, 17.9, 38.4], 10))
+    for k in range(200):
+        amps = 0.0 if k % 20 < 10 else 80.0 + 40.0 * np.sin(k)
+        V = np.full(10, 500.0 - 0.4 * amps)
+        torn = rng.random(10) < 0.13
+        meter.update(np.full(10, amps), np.where(torn, rng.choice([2.6, 17.9, 38.4], 10), V))
+        if k % 50 == 7:  # all of a tick
+            meter.update(np.zeros(10), np.full(10, 25.6))
+    assert meter.stands_at == ()
+    assert meter.resistance == pytest.approx(0.4, rel=0.01)
+    assert not meter.reversed

@@ -9,25 +9,9 @@ from typing import Any
 import pytest
 from cantools.database.can import Message, Signal
 
+from bms_gateway.engine.sent import GATEWAY_MESSAGES, STRING_MESSAGES
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.own_dbc import (
-    GATEWAY_INFO,
-    GATEWAY_STATUS,
-    MAX_CELLS,
-    MAX_STRINGS,
-    PARAMETER_MUX,
-    core_message,
-    flags_message,
-    forecast_message,
-    growth_message,
-    health_message,
-    heat_message,
-    hottest_message,
-    input_messages,
-    own_signal,
-    parameters_message,
-    summary_message,
-)
+from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, input_messages, own_signal, string_message
 from bms_gateway.frames.quality import Quality
 from tests.frames.payloads import OWN, ROOT, loaded, parsed
 
@@ -213,21 +197,30 @@ def test_every_channel_has_a_signal_sent_by_the_battery_in_si(k: int) -> None:
     assert database.resolve(own_signal(k, "current")).minimum == -8000  # discharge is positive, charge must fit too
 
 
-def test_output_names_are_those_in_the_file() -> None:
+def test_what_the_gateway_sends_is_the_table_in_every_string_and_cell() -> None:
     database = loaded(OWN)
-    ours = {m.name for m in database.messages.values() if m.senders == ("BMS_GATEWAY",)}
-    named = {GATEWAY_STATUS, GATEWAY_INFO}
+    expected = {m.name for m in GATEWAY_MESSAGES}
     for k in range(1, MAX_STRINGS + 1):
-        named |= {core_message(k), summary_message(k), parameters_message(k), health_message(k)}
-        named |= {flags_message(k), growth_message(k), hottest_message(k)}
-        named |= {heat_message(k), forecast_message(k)}
-        for c in range(1, MAX_CELLS + 1):
-            for part in ("core", "core_sd", "surface", "quality"):
-                assert database.resolve(f"{core_message(k)}.{part}_{c:02d}").mux[0].values == (c,)
-            for part in ("heat_flag", "heat", "heat_sd"):
-                assert database.resolve(f"{heat_message(k)}.{part}_{c:02d}").mux[0].values == (c,)
-        for name, mux in PARAMETER_MUX.items():
-            for suffix in ("", "_sd", "_status"):
-                assert database.resolve(f"{parameters_message(k)}.{name}{suffix}").mux[0].values == (mux,)
-    assert ours == named
+        for m in STRING_MESSAGES:
+            name = string_message(k, m.name)
+            expected.add(name)
+            cells = range(1, MAX_CELLS + 1)
+            parts = dict.fromkeys(cells, m.parts[0]) if m.of_cells else dict(enumerate(m.parts))
+            for mux, part in parts.items():
+                for s in part.signals:
+                    found = database.resolve(f"{name}.{s.name.format(c=mux)}")
+                    assert [x.values for x in found.mux] == ([(mux,)] if m.mux else [])
+                    assert (found.unit, found.minimum) == (s.unit, pytest.approx(s.low))
+    ours = {m.name for m in database.messages.values() if m.senders == ("BMS_GATEWAY",)}
+    assert ours == expected
+    assert len(ours) == 2 + 9 * MAX_STRINGS
     assert all(m.can_id & EXTENDED for m in database.messages.values())
+
+
+def test_a_message_of_the_gateway_holds_nothing_beside_its_rows() -> None:
+    counts = {m.name: len(DB.get_message_by_name(m.name).signals) for m in GATEWAY_MESSAGES}
+    assert counts == {"gateway_status": 6, "gateway_info": 6}
+    for m in STRING_MESSAGES:
+        rows = sum(len(p.signals) for p in m.parts) * (MAX_CELLS if m.of_cells else 1)
+        held = DB.get_message_by_name(string_message(1, m.name)).signals
+        assert len(held) == rows + 2 + (m.mux is not None)

@@ -99,6 +99,7 @@ def test_a_broken_frame_costs_its_own_samples_only() -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 7, 100])
+@pytest.mark.plain_cases(2)
 def test_lost_frames_pass_repeated_and_jumping_ones_do_not_however_batches_are_cut(cut: int) -> None:
     db, batch = surfaces(40)
     table = db.compile([f"string_1_surface.surface_{c:02d}" for c in range(1, 7)])

@@ -245,6 +245,7 @@ def kind_of(v: np.ndarray) -> str:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.plain_cases(1)
 def test_real_thermistors_are_told_apart(drive: str) -> None:
     classes = expected(drive)
     frames = frames_of(drive)

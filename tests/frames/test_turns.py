@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bms_gateway.frames.freshness import Turns
 from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import Rule
-from bms_gateway.frames.turns import Turns
 
 S = 1_000_000_000
 SLOW = Rule("surface", stale_after_ns=10 * S, round_ns=33 * S)

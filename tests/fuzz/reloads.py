@@ -24,7 +24,7 @@ from bms_gateway.bus.access import Access
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive
+from bms_gateway.chaos.simulated_pack import Drive
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
 from tests.config.files import write

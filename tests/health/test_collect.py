@@ -50,7 +50,7 @@ def test_a_lost_current_is_bridged_for_ten_seconds_and_then_ends_the_window() ->
     fed(c, 650)
     assert fed(c, 10, square=NAN) == []
     (one,) = fed(c, 1, square=NAN)
-    assert len(one.window.square) == 659
+    assert len(one.window.square) == 649  # what was held to the end is not in it
     assert np.isfinite(one.window.square).all()
     assert fed(c, 30, square=NAN) == []
     first = Collector()
@@ -68,6 +68,26 @@ def test_a_lost_inlet_is_bridged_for_a_minute() -> None:
     assert fed(c, 60, inlet=NAN) == []
     (one,) = fed(c, 1, inlet=NAN)
     assert (one.window.inlet == 20.0).all()
+    assert len(one.window.inlet) == len(one.window.square) + 1 == len(one.window.surface) + 1 == 650
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_an_inlet_that_comes_back_was_on_a_straight_line(together: bool) -> None:
+    c = Collector()
+    fed(c, 300)
+    fed(c, 49, inlet=NAN)
+    if together:
+        one, K = np.ones(600), 600
+        c.take(
+            Ticks(
+                1.0, 3600.0 * one, 0.0 * one, 25.0 * one, 60.0 * one, 0.5 * one, np.full((K, 3), 25.0), np.zeros((K, 3))
+            )
+        )
+    else:
+        fed(c, 600, inlet=25.0)
+    (one,) = fed(c, 1, dt=3600.0)
+    assert one.window.inlet[299:350] == pytest.approx(20.0 + 0.1 * np.arange(51))
+    assert (one.window.inlet[350:] == 25.0).all()
 
 
 def test_a_window_without_a_reading_is_none() -> None:

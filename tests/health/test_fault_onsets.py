@@ -5,7 +5,7 @@ import numpy as np
 from bms_gateway.health.heat.course import Course
 from bms_gateway.health.heat.fault_evidence import MOST, ONSETS, Evidence, Kind
 from tests.benchmarks.heat_case import Case
-from tests.health.test_heat import alone, measured, raised
+from tests.health.heat_runs import alone, measured, raised
 
 
 def test_the_onset_since_which_a_fault_is_likeliest_is_kept() -> None:

@@ -14,7 +14,6 @@ import pytest
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.course import missing
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
-from bms_gateway.health.heat.filter import HeatFilter, Step
 from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
@@ -22,12 +21,9 @@ from tests.benchmarks.bench_heat import follow
 from tests.benchmarks.bench_parked import follow as rarely_heard
 from tests.benchmarks.bench_runaway import propagation
 from tests.benchmarks.heat_case import CELLS, LAYOUTS, SENSORS, Case, make, model, with_seeds
+from tests.health.heat_runs import ONE, alone, measured, raised
 
 SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
-
-
-def raised(case: Case, seeds: range) -> list[list[tuple[int, str, int | None]]]:
-    return [x.alerts for x in follow(make(with_seeds(case, seeds)))]
 
 
 def test_a_short_in_a_sensed_cell_is_told_within_three_minutes_and_its_cell_or_neighbour_named() -> None:
@@ -61,6 +57,7 @@ def test_a_short_that_is_far_above_the_current_s_heat_is_told_with_few_sensors_t
 
 @pytest.mark.parametrize("layout", ["one cell", "one sensor", "two sensors"])
 @pytest.mark.parametrize("pack", ["small", "liquid"])
+@pytest.mark.plain_cases(2)
 def test_no_heat_is_told_of_sound_strings_with_few_sensors(pack: str, layout: str) -> None:
     cells, sensors, cell = LAYOUTS[layout]
     case = Case(pack, 0, seconds=2700, drive="us06", at=2700, cells=cells, sensors=sensors, cell=cell)
@@ -71,6 +68,12 @@ def test_cores_of_a_string_with_a_short_stay_inside_their_band_from_five_minutes
     for told in follow(make(with_seeds(replace(SHORT, seconds=1900, fault="heat", size=3.0), range(46, 49)))):
         assert told.sick >= 0.9
         assert told.healthy >= 0.9
+
+
+def test_an_unsensed_neighbour_with_a_short_is_inside_its_band_at_rest() -> None:
+    # Bug: as much heat was allowed to the neighbour as to the sensed cell, and the film of all cells took the rest.
+    short = Case("small", 0, 5400, "rest", "heat", cell=7, size=10.0)
+    assert np.mean([told.sick for told in follow(make(with_seeds(short, range(300, 304))))]) >= 0.9
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,7 @@ def test_what_looks_like_heat_is_told_by_its_own_name(fault: str, size: float, c
 
 
 @pytest.mark.parametrize("drive", ["us06", "urban"])
+@pytest.mark.plain_cases(1)
 def test_a_blower_that_stops_is_told_and_the_cores_are_known_on(drive: str) -> None:
     """Air warms along the string as much as the cells do: film and stream are lost together."""
     case = Case("forced", 0, seconds=2700, drive=drive, fault="pump", at=1500)
@@ -106,17 +110,6 @@ def test_nothing_is_told_of_strings_with_nothing_wrong(pack: str) -> None:
 
 SMALL = 1e-3
 """K."""
-ONE = {"C_c": 42.0, "C_s": 3.0, "R_e": 0.035, "R_c": 2.0, "R_u": 15.0}
-
-
-def alone() -> HeatFilter:
-    return HeatFilter([StringModel(1, (1,), "single", {k: Prior(x) for k, x in ONE.items()})], 10.0, 1)
-
-
-def measured(y: float, heat: float = 0.0) -> Step:
-    one, cell = np.ones(1), np.ones((1, 1))
-    at_end = np.array([[[0.0, 0.0, 1.0]]])
-    return Step(heat * cell[None], 0.0 * one, 25.0 * one, 25.0 * one, y * cell, 1e-4 * cell, at_end)
 
 
 def test_the_heat_of_a_cell_is_in_watts() -> None:
@@ -279,6 +272,7 @@ def heard_once_an_hour(at: int) -> dict[tuple[str, float], list[list[tuple[int, 
 
 @pytest.mark.parametrize(("pack", "watts"), HEATED)
 @pytest.mark.parametrize("at", [5400, 7000])
+@pytest.mark.plain_cases(2)
 def test_one_frame_an_hour_tells_of_a_cell_that_heats(pack: str, watts: float, at: int) -> None:
     """That two frames differ by eight kelvin is no step of the bus, and no drift of a thermocouple."""
     found = heard_once_an_hour(at)[pack, watts]
@@ -356,6 +350,7 @@ def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
 
 
 @pytest.mark.parametrize(("pack", "drive", "every"), [("liquid", "urban", 10), ("small", "us06", 60)])
+@pytest.mark.plain_cases(1)
 def test_a_driven_string_whose_frames_are_rare_is_not_taken_for_parked(pack: str, drive: str, every: int) -> None:
     """A vehicle that stands at a light at each tenth glance or so, and has driven before the next."""
     made = make(with_seeds(Case(pack, 0, seconds=5400, drive=drive, at=5400), range(90, 98)))
@@ -478,6 +473,7 @@ def test_in_a_fire_no_thermocouple_and_no_inlet_is_told_to_be_wrong_and_no_heat_
 
 
 @pytest.mark.parametrize(("pack", "fault", "seed"), [("liquid", "off", 8801), ("liquid", "loose", 8804)])
+@pytest.mark.plain_cases(1)
 def test_a_thermocouple_that_came_off_or_is_loose_is_not_called_heat_when_it_seems_right_for_a_while(
     pack: str, fault: str, seed: int
 ) -> None:

@@ -35,6 +35,7 @@ def alone(seed: int, watts: float, seconds: int) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("watts", [60.0, 100.0])
 @pytest.mark.parametrize("seed", [1, 3, 4, 7])
+@pytest.mark.plain_cases(2)
 def test_the_alarm_of_a_lone_cell_at_rest_stays_while_it_heats(seed: int, watts: float) -> None:
     """Its heat is found as a multiple of what it is; the better estimate that follows is no end of the heat."""
     told = alone(seed, watts, 2000)

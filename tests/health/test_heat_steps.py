@@ -10,7 +10,7 @@ from bms_gateway.health.heat.filter import FALL
 from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.health.heat.reading_times import weights
 from tests.benchmarks.heat_case import CELLS, PACKS, SENSORS, Case, model
-from tests.health.test_heat import raised
+from tests.health.heat_runs import raised
 from tests.truth.drives import us06
 
 AT = np.array([SENSORS]) - 1

@@ -44,6 +44,11 @@ def test_a_cell_that_becomes_unknown_keeps_its_alarm_and_what_was_last_known_of_
     assert found == {}
 
 
+def test_what_stands_behind_the_plus_minus_of_a_core_is_told():
+    found = step(limits(1), 0, [70.0], [85.0], sd=2.0)
+    assert "hottest point of cell 1 is 85.0 ± 3.9 °C (95 %; core 85.0 °C)" in found["core"].text
+
+
 def test_an_estimate_below_the_limit_ends_no_alarm_while_its_sensor_is_bad_or_its_band_reaches_the_limit():
     at = limits(1)
     assert "core" in step(at, 0, [70.0], [80.0])

@@ -50,6 +50,7 @@ def off(identifier, name, truth):
 
 
 @pytest.mark.parametrize("effect", ["surface_joule", "coolant_delay"])
+@pytest.mark.plain_cases(1)
 def test_a_strong_effect_that_is_missing_is_told_and_leaves_the_band_of_R_c_wide(effect):
     # Bug: R_c was "identified" 3 to 8 prior sd off, and the core 10 to 17 K off at a stated sd of 0.3 to 0.5 K.
     identifier, pack = followed({effect: ("strong", None)})
@@ -62,6 +63,7 @@ def test_a_strong_effect_that_is_missing_is_told_and_leaves_the_band_of_R_c_wide
 
 
 @pytest.mark.parametrize("effects", [{}, {"radial_gradient": ("medium", None)}, {"radial_gradient": (1.1, None)}])
+@pytest.mark.plain_cases(1)
 def test_a_sound_model_is_not_doubted_and_its_numbers_are_found(effects):
     # Bug: R_c of cells with two thirds of it in the roll was told 40 % low, or nothing was learnt of them.
     identifier, pack = followed(effects)

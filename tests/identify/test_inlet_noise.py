@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.identify import WindowIdentifier
-from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
+from bms_gateway.identify.inlet_noise import Sight, inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.thermal import StringParameters
 from tests.identify.drive import drive, model, ticks
 from tests.truth.cycle import repeated
@@ -49,7 +49,7 @@ def test_slopes_are_those_of_what_noise_adds_to_the_squares() -> None:
     expected = [swing**2 * (added[i] - added[i + 1]) / 0.01 for i in (0, 2)] + [2.0 * swing * added[4]]
     p, step = StringParameters.of(1, **TABLE_1), 1e-4
     sets = [StringParameters.of(1, **{**TABLE_1, s: TABLE_1[s] * np.exp(step)}) for s in ("R_u", "C_s")]
-    slopes = slopes_by_noise([p, *sets], step, K, 1.0, swing, [0], lambda Y: np.diff(Y, axis=0))
+    slopes = slopes_by_noise([p, *sets], step, K, 1.0, swing, Sight([0], lambda Y: np.diff(Y, axis=0)))
     assert slopes == pytest.approx(expected, rel=0.03)
 
 
@@ -73,6 +73,7 @@ def fits(seeds, inlet, *noises, **priors):
     return found
 
 
+@pytest.mark.slow
 def test_noise_of_an_inlet_that_ramps_passes_for_no_other_film() -> None:
     """Bug: R_e was told 14 % low and R_u 14 % high for 0.2 K of noise, more than one of their own sd."""
     t = np.arange(1261)

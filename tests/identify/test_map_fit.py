@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bms_gateway.diagnosis.core_band import posterior
-from bms_gateway.identify.map_fit import FitEffort, FitStart, converged, fitted, map_fit, nuisance_columns, solved
+from bms_gateway.identify.map_fit import FitEffort, FitStart, converged, fitted, map_fit, nuisance_columns
 from bms_gateway.identify.problem import Problem
+from bms_gateway.identify.quadratic import solved
 from bms_gateway.thermal import AddedEffect, Prior
 from tests.identify.fit_records import SECONDS, model, record
 

@@ -54,8 +54,23 @@ def test_a_fit_ends_at_a_mode(seed, cells, sensors) -> None:
     problem = problem_of(seed, cells, sensors)
     near = led_in(problem)
     point = problem.minimise(near.phi, near.xi, SIZES, 1.0, 20)
-    H, g = problem.with_prior(point)
-    assert 0.5 * g @ np.linalg.solve(H, g) < 0.01  # of the log posterior, that one more step could gain
+    q = problem.posterior(point)
+    assert 0.5 * q.pull @ np.linalg.solve(q.H, q.pull) < 0.01  # of the log posterior, that one more step could gain
+
+
+def test_a_root_is_not_weighed_by_what_a_step_to_the_other_one_promises() -> None:
+    """Bug: a place between the roots, which the search had not left yet, counted as much as the mode itself."""
+    problem = problem_of(14, 1, (1,))
+    near = led_in(problem)
+    mode = problem.minimise(near.phi, near.xi, SIZES, 1.0, 20)
+    away = problem.at(mode.phi + np.array([0.0, 0.0, 0.3, -0.2, 0.0]), mode.xi, problem.whitener(SIZES), SIZES.walk)
+    gained = problem.posterior(away).promise
+    assert gained > 1.0
+    for point in (mode, away):
+        assert problem.score(point) == pytest.approx(
+            point.cost + 0.5 * np.linalg.slogdet(problem.posterior(point).H)[1], abs=1e-6
+        )
+    assert problem.score(away) - problem.score(mode) > away.cost - mode.cost - 0.25 * gained
 
 
 def test_a_profile_at_the_mode_is_the_modes_own() -> None:

@@ -84,6 +84,7 @@ def test_noise_in_the_regressors_biases_and_then_folds_least_squares():
     assert fit(0.2, 4) is None
 
 
+@pytest.mark.slow
 def test_parked_for_eight_hours_the_recursive_method_forgets_nothing():
     # Plain forgetting (0.999 a second) leaves nothing after minutes; the gate leaves all.
     drove = np.concatenate([repeated(60, 5), np.zeros(8 * 3600)])

@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 
 from bms_gateway.identify import PairMeans, Tick
 from bms_gateway.identify.cell_live import CellIdentifier
-from bms_gateway.identify.resistance_by_cell import CellRecord, CellSettings, _Problem, fit_cells
+from bms_gateway.identify.resistance_by_cell import CellProblem, CellRecord, CellSettings, fit_cells
 from bms_gateway.identify.window import WindowIdentifier
 from bms_gateway.identify.window_readings import TOGETHER, Gathered
 from bms_gateway.thermal import Disturbance, Start
 from tests.identify.cell_strings import model
+from tests.identify.drive import measured, ticks
+from tests.identify.drive import model as small
 
 NAN = float("nan")
 CELLS, STRINGS, SENSED = 12, 5, (0, 11)
@@ -98,7 +100,7 @@ def test_a_fit_of_cells_takes_no_more_memory_for_more_parameters() -> None:
     y[:, SENSED] = 25.0
     record = CellRecord(np.full(K, 900.0), np.full(K + 1, 25.0), y, np.zeros_like(y))
     m = model((1, CELLS), CELLS)
-    problem = _Problem(m, record, CellSettings(), Disturbance(), Start())
+    problem = CellProblem(m, record, CellSettings(), Disturbance(), Start())
     theta = np.log([m.priors[symbol].value for symbol, _ in problem.layout.names])
 
     def peak(sets: int) -> int:
@@ -120,3 +122,21 @@ def test_a_record_of_the_cells_that_were_read_is_fitted_as_one_of_all() -> None:
     assert fits[0].sensed == fits[1].sensed == SENSED
     assert fits[0].mean.tobytes() == fits[1].mean.tobytes()
     assert fits[0].cov.tobytes() == fits[1].cov.tobytes()
+
+
+@pytest.mark.parametrize("gap", [40, 400])
+def test_a_window_holds_no_inlet_that_nobody_measured(gap: int) -> None:
+    """Bug: an inlet that was lost as it moved stood still for a minute: the fit found an error of the model there."""
+    square, inlet, y, _ = measured(11, minutes=24, amplitude=6.0)
+    heard = inlet.copy()
+    heard[700 : 700 + gap] = NAN
+    identifier = WindowIdentifier(small())
+    windows = []
+    for t in ticks(square, heard, y):
+        if (job := identifier.add(t)) is not None:
+            windows.append(job.window)
+            identifier.accept(job.run())
+    assert windows
+    for w in windows:
+        assert w.inlet == pytest.approx(inlet[: len(w.inlet)], abs=0.3)
+    assert max(len(w.inlet) for w in windows) == (1201 if gap == 40 else 700)

@@ -71,6 +71,7 @@ def test_compare(pack, tmp_path, capsys):
     assert str(found) == capsys.readouterr().out.rstrip("\n")
 
 
+@pytest.mark.slow
 def test_diagnose_and_add(pack, tmp_path, capsys):
     files, model, _, record = pack
     found = bms.diagnose(model, record)
@@ -205,6 +206,7 @@ def test_decode():
         bms.decode(log, dbc, [one[:-1]])
 
 
+@pytest.mark.slow
 def test_the_example_makes_the_error_fall(tmp_path):
     """By the worked table, which the truth's own integrator made."""
     made = packed(tmp_path)

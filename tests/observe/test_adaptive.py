@@ -186,6 +186,7 @@ def test_inlet_alone_starts_a_string_with_a_band_of_tens():
 
 
 @pytest.mark.parametrize("lost", ["sensors", "inlet", "current"])
+@pytest.mark.plain_cases(1)
 def test_what_is_lost_widens_the_band_which_still_holds_and_narrows_when_it_is_back(lost):
     """Four strings lose it for ten minutes, four beside them do not."""
     n, K = 5, 1800

@@ -95,6 +95,7 @@ def test_left_alone_it_runs_as_the_true_string_whose_resistance_falls():
     assert np.abs(stacked(linear, "core")[-1, 0] - core[-1]).max() > 1.0  # the test has something to see
 
 
+@pytest.mark.slow
 def test_band_holds_for_numbers_as_uncertain_as_stated_and_the_effect_pays():
     """Strings drawn from what the model states, R_e falling with temperature, inlet read wrongly."""
     S, n, minutes = 6, 4, 20
@@ -143,6 +144,7 @@ def test_band_holds_for_numbers_as_uncertain_as_stated_and_the_effect_pays():
         pytest.param("natural_convection", {"n": 0.2}, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.plain_cases(1)
 def test_sensitivities_are_the_slopes_of_the_whole_run(name, values):
     """J against observers that always had other numbers, with nothing read but the start; memories included."""
     n, seconds = 2, 300
@@ -283,11 +285,11 @@ def test_charge_is_counted_from_the_last_that_was_told():
     y, now = np.array([25.0, NAN]), np.zeros(2)
     for _ in range(360):
         observer.step(Measured(80.0, 6400.0, 80.0, 25.0), y, now)
-    assert observer._inputs.soc == 0.0  # a whole charge was drawn of 0.9
+    assert observer.soc == 0.0  # a whole charge was drawn of 0.9
     observer.step(Measured(80.0, 6400.0, 80.0, 25.0, soc=0.7), y, now)
     for _ in range(36):
         observer.step(Measured(80.0, 6400.0, 80.0, 25.0), y, now)
-    assert observer._inputs.soc == pytest.approx(0.7 - 0.1)
+    assert observer.soc == pytest.approx(0.7 - 0.1)
 
 
 @pytest.mark.parametrize("name", sorted(catalogue()))

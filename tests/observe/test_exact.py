@@ -66,6 +66,7 @@ def test_cores_and_bands_are_those_of_the_dense_filter() -> None:
 
 
 @pytest.mark.parametrize("cut", [300, 401, 407, 430, 650])
+@pytest.mark.plain_cases(2)
 def test_a_restart_within_a_block_goes_on_bit_for_bit(cut: int) -> None:
     """Whatever waits, and whichever way the running observer has taken, the restored one takes to the same bits."""
     n, d = 4, drive(4, 13, S=2)

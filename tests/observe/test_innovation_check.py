@@ -31,6 +31,7 @@ def followed(case: Case, seeds: range, ticks: slice = slice(None)) -> tuple[np.n
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("watts", [100.0, 200.0])
+@pytest.mark.plain_cases(2)
 def test_the_core_of_a_shorted_cell_is_in_its_band_within_seconds(layout: str, watts: float) -> None:
     # Bug: the filter took the heat for an offset of the inlet by 60 K, and the core was 50 K too cold at 1 K.
     cells, sensors, cell = LAYOUTS[layout]

@@ -40,12 +40,14 @@ def run(record, rel_sd, heat=None, **values):
 
 
 @pytest.mark.parametrize("R_c", [1.5, 3.0, 6.0])
+@pytest.mark.plain_cases(1)
 def test_wide_priors_make_no_false_promise(record, R_c):
     wide = {"C_c": 0.3, "C_s": 0.3, "R_e": 0.6, "R_c": 0.6, "R_u": 0.6}
     assert run(record, wide, R_c=R_c)[1] > 0.9
 
 
 @pytest.mark.parametrize("R_e", [0.006, 0.010, 0.020])
+@pytest.mark.plain_cases(1)
 def test_published_resistances_find_the_core_whatever_the_electrical_one(record, R_e):
     known = {"C_c": 0.15, "C_s": 0.15, "R_e": 0.6, "R_c": 0.2, "R_u": 0.6}
     rmse, inside = run(record, known, R_e=R_e)

@@ -23,6 +23,7 @@ def rows():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("column", ["voltage_V", "soc", "coolant_flow_m3_s", "surface_1_C", "coolant_inlet_C"])
+@pytest.mark.plain_cases(3)
 def test_a_column_of_huge_numbers_makes_no_warning(tmp_path, rows, column, sign):
     rows[HEADER.split(",").index(column)] = sign * HUGE
     (tmp_path / "model.toml").write_text(EXAMPLE)

@@ -91,6 +91,7 @@ def with_a_stuck_current(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_current_that_stands_still_is_refused_offline_as_it_is_live(stuck, tmp_path, monkeypatch):
     """It was used 900 of 900 times."""
     log, config = stuck
@@ -117,6 +118,7 @@ def race_car(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("name", LOGS)
 @pytest.mark.parametrize("module", ["module_2", "module_8"])
+@pytest.mark.plain_cases(1)
 def test_what_analyze_believes_of_a_race_car_is_what_fit_uses(name, module, race_car, monkeypatch):
     cells = 18 if module == "module_2" else 15
     model = read_model(race_car.parent / f"module_{cells}.toml")

@@ -1,10 +1,19 @@
 """What is said of a thermocouple in a core is what its readings are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.compare import CoreCheck
-from bms_gateway.report.core_text import outside, thermocouple_sentence
+from bms_gateway.diagnosis.compare import CoreCheck, compare
+from bms_gateway.diagnosis.core_known import known_core
+from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
+from bms_gateway.report.html_evidence import evidence, summary
+from bms_gateway.report.html_series import Shown
+from bms_gateway.report.step_names import REFITTED
+from bms_gateway.workbench.documents import compared as compared_document
+from tests.diagnosis.hidden_record import record_of
+from tests.truth.hidden import Scenario, make_log
 
 
 def check(covered):
@@ -24,3 +33,51 @@ def test_a_thermocouple_is_within_a_band_only_where_its_readings_are(covered, en
     """Of one with 9 % of its readings 20 K above the band it was said that it lies within."""
     assert thermocouple_sentence(check(covered)) == f"Thermocouple in the core of cell 2, never fitted to: {end}"
     assert outside(check(covered)) is alarm
+
+
+@pytest.mark.parametrize("proven", [True, False])
+@pytest.mark.parametrize(("unseen", "said"), [((2, 4, 5), "Cells 2, 4, 5 have"), ((5,), "Cell 5 has"), ((), None)])
+def test_a_band_of_a_cell_without_a_thermocouple_says_what_it_assumes(proven, unseen, said) -> None:
+    """The band of such a cell, whose R_e was 70 % higher, held its core 1 % of the time, and nothing said why."""
+    core = SimpleNamespace(half_width_K=np.array([1.0, 2.0, 1.0, 2.0, 5.35]), proven=proven, unseen=unseen, unlike=0.02)
+    sentence = core_sentence(core)
+    assert "cell 5, known least" in sentence
+    if said is None:
+        assert "thermocouple" not in sentence
+    else:
+        assert f"{said} no thermocouple" in sentence
+        assert "R_e of all cells is the same to within 2 % (1 sd), as the model file says." in sentence
+
+
+def test_the_cells_that_no_record_of_a_string_has_are_told() -> None:
+    log = make_log(Scenario(cells=4, sensors=(1, 4), seconds=1200, seed=3))
+    record, model = record_of(log)
+    core = known_core(model, [record])
+    assert core.unseen == (2, 3)
+    assert core.unlike == model.tolerances["cell_R_e"] > 0.0
+    assert "Cells 2, 3 have no thermocouple: their bands hold only where" in core_sentence(core)
+
+
+def test_each_place_that_shows_the_band_of_such_a_cell_says_so() -> None:
+    """Findings, the JSON document, the cells of the page, and the cards and captions of a report."""
+    record, model = record_of(make_log(Scenario(cells=4, sensors=(1, 4), seconds=1200, seed=3)))
+    compared = compare(model, [record])
+    core, now = compared.core, compared.refitted
+    assert core_document(core)["rests_on"] in core_sentence(core)
+    worst = int(np.argmax(core.half_width_K)) + 1
+    assert worst in core.unseen
+    assert f"Cell {worst} has no thermocouple: this holds only where" in now.findings[-1]
+    percent = 100.0 * model.tolerances["cell_R_e"]
+    shown = compared_document(compared, REFITTED)["variants"][REFITTED]["cells"]
+    assert [c["assumed_percent"] for c in shown] == [None, percent, percent, None]
+    models = [Shown.of(REFITTED, now, proven=core.proven)]
+    assert f"cell {worst}, known least, without a thermocouple" in summary(models)
+    assert "Cells 2, 3 have no thermocouple: their bands hold only where R_e" in "".join(evidence(models))
+
+
+def test_of_a_string_with_all_sensors_nothing_is_assumed() -> None:
+    record, model = record_of(make_log(Scenario(cells=2, sensors=(1, 2), seconds=1200, seed=3)))
+    compared = compare(model, [record])
+    assert core_document(compared.core)["rests_on"] is None
+    models = [Shown.of(REFITTED, compared.refitted, proven=compared.core.proven)]
+    assert not any("thermocouple" in text for text in (*compared.refitted.findings, *evidence(models), summary(models)))

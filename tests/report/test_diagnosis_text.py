@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.detect import Card, Detectable
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.residuals import Structure
-from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, parts_of, with_sd
+from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, parts_of, reach, with_sd
 from bms_gateway.report.html_ranking import detectability_table, ranking_table
 from bms_gateway.thermal.effects import effect_named
 
@@ -222,6 +222,20 @@ def test_the_terminal_says_what_each_part_is_weighed_against():
     assert f"next: one more beside what is named, {AGAINST[3]};" in text
     assert f"instead: in place of what is named, {AGAINST[4]};" in text
     assert "bars of each kind have a scale of their own" in text
+
+
+def test_bars_that_are_not_in_proportion_are_said_to_be_logarithmic():
+    """A bar of 325 was half as long as one of 3700, and nothing said why."""
+    said = ". Bars are as long as the logarithm of their log-odds"
+    parts = parts_of(RANKS)
+    for p in parts:
+        lengths = [reach(e, p.top) for e in (0.1 * p.top, 0.2 * p.top)]
+        linear = lengths[1] == pytest.approx(2.0 * lengths[0])
+        assert p.bars == (p.against if linear else p.against + said)
+    assert [p.bars.endswith(said) for p in parts] == [True, True, False, False, False]
+    text = " ".join(diagnosis_text(told(*RANKS)).split())
+    assert "bars are as long as the logarithm of their log-odds in a kind that has more than 100" in text
+    assert "logarithm" not in " ".join(diagnosis_text(told(ranked("hysteresis", evidence=90.0, role=""))).split())
 
 
 def test_nothing_named_is_weighed_against_the_model_as_it_is():

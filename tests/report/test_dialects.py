@@ -217,6 +217,55 @@ def test_day_or_month_is_asked_for_and_then_taken(tmp_path):
         assert t.time_s[30] == pytest.approx(step, rel=0.04)
 
 
+def test_a_minus_sign_of_a_printed_table_is_a_minus(tmp_path):
+    for mark, how in ((";", comma), (",", lambda x: f"{x:.6f}")):
+        given = text({n: lambda x, how=how: how(x).replace("-", "\u2212") for n in NAMES}, mark=mark)
+        assert "\u2212" in given
+        reads_alike(read_table(put(tmp_path, given)))
+
+
+@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u202f"])
+def test_thousands_parted_by_blanks_are_read(tmp_path, blank):
+    def spaced(x):
+        return f"{1e5 * x:,.1f}".replace(",", blank).replace(".", ",").replace("-", "\u2212")
+
+    names = ("time_s", "current [mA]", *NAMES[2:])
+    given = text({**dict.fromkeys(NAMES, comma), "current_A": spaced}, names, mark=";")
+    assert spaced(10.25) == f"1{blank}025{blank}000,0"
+    t = read_table(put(tmp_path, given), parse_columns(["current_A=current [mA]"]))
+    assert np.allclose(t.current_A, 100 * CURRENT, atol=1e-3)
+
+
+def test_a_charge_beyond_all_scales_is_told_in_the_unit_of_its_column(tmp_path):
+    names = (*NAMES[:3], "soc [%]", NAMES[4])
+    file = put(tmp_path, text({"soc": ["-10.03" if k == 30 else "50" for k in range(N)]}, names))
+    with pytest.raises(DataError, match=r"line 32: soc is -10.03 %; it must be 0 to 100 %"):
+        read_table(file)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "says"),
+    [
+        ([f"13/11/2026 08:{59 - k:02d}:00" for k in range(N)], r"line 3: time_s goes back \(0 then -60\)"),
+        ([f"05/11/2026 08:{59 - k:02d}:00" for k in range(N)], r"line 3: time_s goes back \(0 then -60\)"),
+        ([f"11/13/2026 08:00:{k // 2:02d}" for k in range(N)], r"line 3: time_s stands still \(0 then 0\)"),
+        (
+            [f"25/10/2026 02:59:{57 + k}" if k < 3 else f"25/10/2026 02:00:{k - 3:02d}" for k in range(N)],
+            r"line 5: time_s goes back \(2 then -3597\); it must increase: one hour back is the end of summer time",
+        ),
+        (["13/11/2026 08:00:00", "soon", *["13/11/2026 08:00:02"] * (N - 2)], "line 3: .*'soon' is no time"),
+    ],
+)
+def test_dates_that_go_back_are_told_as_such_not_as_an_unknown_order(tmp_path, stamps, says):
+    with pytest.raises(DataError, match=says):
+        read_table(put(tmp_path, text({"time_s": stamps})))
+
+
+def test_an_order_in_which_time_goes_forward_is_taken(tmp_path):
+    assert date_form(["11/01/2026", "12/01/2026", "01/02/2026"]).name == "dates as dd/mm/yyyy"
+    assert date_form(["01/11/2026", "01/12/2026", "02/01/2026"]).name == "dates as mm/dd/yyyy"
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [
@@ -299,3 +348,44 @@ def test_a_letter_that_may_be_a_unit_is_asked_for(tmp_path, letter):
     with pytest.raises(DataError, match=rf"is {letter} its unit\? say it: --columns 'surface_1_C=TC1 {letter} \["):
         read_table(file, parse_columns([f"surface_1_C=TC1 {letter}"]))
     reads_alike(read_table(file, parse_columns([f"surface_1_C=TC1 {letter} [°C]"])))
+
+
+TITLES = (
+    "Prüfstand 7; Zelle <b>3</b>\nDatum: 13.11.2026 08:15\n\n",  # a blank line too
+    "Prüfstand 7;;;;\nDatum;13.11.2026;;;\n",  # as Excel writes it
+    "\n".join(f"Kanal {k}: 1,5 V" for k in range(30)) + "\n",
+)
+
+
+@pytest.mark.parametrize("title", TITLES, ids=["words", "excel", "thirty lines"])
+@pytest.mark.parametrize("below", [None, ("s", "A", "°C", "1", "°C")], ids=["plain", "units"])
+def test_lines_above_the_names_are_a_title(tmp_path, title, below):
+    changed = dict.fromkeys(NAMES, comma)
+    below = below and ("s", "A", "°C", "-", "°C")
+    t = read_table(put(tmp_path, title + text(changed, mark=";", below=below), "cp1252"))
+    reads_alike(t)
+    (said,) = [note for note in t.notes if "title" in note]
+    at = 1 + title.count("\n")
+    assert said.endswith(f"line {at} as the names of the columns")
+    shown = look(put(tmp_path, title + text(changed, mark=";", below=below), "cp1252"))
+    assert [c["name"] for c in shown["columns"]] == list(NAMES)
+
+
+def test_a_broken_line_below_a_title_is_told_by_its_own_number(tmp_path):
+    content = "Bench 7\nrun 3\n" + text().replace(f"{INLET[4]:.6f}", "warm")
+    with pytest.raises(DataError, match=r"line 8: column 'coolant_inlet_C': 'warm' is not a number"):
+        read_table(put(tmp_path, content))
+
+
+def test_a_short_header_is_no_title(tmp_path):
+    content = text().replace(",surface_1_C", "", 1)
+    with pytest.raises(DataError, match="line 2: 5 columns, the header has 4"):
+        read_table(put(tmp_path, content))
+
+
+@pytest.mark.parametrize("word", ["#NV", "#N/A"])
+def test_what_excel_writes_where_nothing_is_available_is_no_value(tmp_path, word):
+    cells = [f"{x:.6f}" for x in SURFACE]
+    cells[3] = cells[7] = word
+    t = read_table(put(tmp_path, text({"surface_1_C": cells})))
+    assert np.flatnonzero(np.isnan(t.surface_C[1])).tolist() == [3, 7]

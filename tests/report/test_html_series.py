@@ -1,5 +1,8 @@
 """Series and lines of a page: few points that hide no excursion, open gaps, styles that differ without colour."""
 
+import json
+import re
+from importlib import resources
 from itertools import pairwise
 
 import numpy as np
@@ -8,14 +11,25 @@ from hypothesis import strategies as st
 
 from bms_gateway.diagnosis.misfit import Level, Sensor, Worst
 from bms_gateway.diagnosis.regimes import Bin, Regime
-from bms_gateway.report.html_figures import HEATS, STYLES
+from bms_gateway.report.html_figures import HEATS, ROAD, styles
 from bms_gateway.report.html_series import Shown, broken, envelope, smooth
 from bms_gateway.report.html_tables import heat_map
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
 
 
 def test_lines_differ_in_style_too_where_colour_is_not_seen():
-    for styles in (STYLES, HEATS):
-        assert len({dash for _, dash in styles}) == len({color for color, _ in styles}) == len(styles)
+    added = [with_added(text) for text in ("one", "two")]
+    for drawn in (styles([FILED, REFITTED]), styles([REFITTED, added[0]]), styles(added), HEATS):
+        assert len({dash for _, dash in drawn}) == len({color for color, _ in drawn}) == len(drawn)
+
+
+def test_steps_have_the_colours_of_the_page():
+    """The page's own script says which colour a step has by its place on the road."""
+    script = (resources.files("bms_gateway.workbench") / "page" / "plots.js").read_text()
+    listed = re.search(r"const STYLES = (\[\[.*?\]\]);", script)[1]
+    assert tuple(color for color, _ in json.loads(listed)) == ROAD
+    for names, places in (([FILED, REFITTED], (0, 1)), ([REFITTED, "+ x"], (1, 2)), (["+ x", "+ y"], (2, 3))):
+        assert [color for color, _ in styles(names)] == [ROAD[k] for k in places]
 
 
 @settings(deadline=None)
@@ -50,7 +64,7 @@ def regime_of(ends):
             Bin(f"at times below {b + shift:g} min", a + shift, b + shift, 50, 0.2, 0.01, 0.3)
             for a, b in pairwise(ends)
         )
-        always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 100, 0.0, 0.05, 0.5),), 0.0, 0.0)
+        always = Regime("always", "always", "", (Bin("on average", 0.0, 0.0, 100, 0.0, 0.05, 0.5),), 0.0, 0.0)
         time = Regime("time", "time since the start", "min", bins, 0.04, 0.8)
         sensors.append(Sensor(cell, trained, trained, 0.5, 50.0, 1.0, Worst(0, 100.0, 0.5), (always, time)))
     return Shown("refitted", None, tuple(sensors), ())

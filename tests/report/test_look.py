@@ -94,6 +94,11 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
             "0;1;380;23;23;20",
             f"time_s current_A voltage_V - surface_1_C {AIR}",
         ),
+        (
+            "Zeit;Laststrom / A;Klemmenspannung / V;Volumenstrom;T_amb;T1",
+            "0;1;52;2;20;20",
+            f"time_s current_A voltage_V coolant_flow_m3_s {AIR} surface_1_C",
+        ),
         ("t;I;T_amb;Battery Temperature", "0;1;20;20", f"{INLET} surface_1_C"),
         (
             "t;I;T ambiante amb;T coeur élément 3;T coeur élément 6;T surface élément 3;Etat de charge %",
@@ -174,10 +179,26 @@ def test_columns_without_numbers_and_decimal_commas_are_told(tmp_path):
     path.write_text("\n".join(["time_s;current_A;coolant_inlet_C;surface_1_C;Bemerkung;leer", *rows]) + "\n")
     notes = look(path)["notes"]
     assert "decimal commas" in notes
-    assert "'Bemerkung' holds no numbers but 'ok'" in notes
+    assert "'Bemerkung' holds 'ok', which is no number" in notes
     assert "'leer' is empty" in notes
     many = [f"w{k}" for k in range(8)]
     path.write_text("\n".join([",".join(["time_s", *many]), *(",".join([f"{k}", *many]) for k in range(3))]) + "\n")
     notes = look(path)["notes"]
     assert notes[-1] == "3 more columns hold no numbers"
     assert len(notes) == 6
+
+
+@pytest.mark.parametrize(
+    ("unit", "inlet", "says"),
+    [
+        ("K", 22.0, ["'inlet [K]' would be -251 to -251 °C: is K its unit?"]),
+        ("°C", 295.15, ["'inlet [°C]' would be 295 to 295 °C: is °C its unit?"]),
+        ("K", 295.15, []),
+    ],
+)
+def test_a_temperature_that_no_coolant_has_is_marked_before_the_table_is_opened(tmp_path, unit, inlet, says):
+    path = tmp_path / "table.csv"
+    rows = [f"{k},{k % 3},{inlet},{20 + k % 2}" for k in range(30)]
+    path.write_text("\n".join([f"time_s,current_A,inlet [{unit}],surface_1_C", *rows]) + "\n", encoding="utf-8")
+    notes = look(path, parse_columns([f"coolant_inlet_C=inlet [{unit}]"]))["notes"]
+    assert [n for n in notes if "would be" in n] == says

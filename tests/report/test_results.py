@@ -155,7 +155,7 @@ def test_a_cell_that_burns_is_the_hottest_however_vague_its_core_is(tmp_path):
     hottest = folder.hottest["string_1"]
     assert (hottest.cell, hottest.core_C, folder.strings["string_1"].hottest["cell"]) == (1, 150.0, 1)
     assert hottest_sentence(hottest, 0) == (
-        "hottest core: 150.0 ± 12.0 °C, cell 1 of string_1, 1 s after the start (its core is not known to 3 K)"
+        "hottest core: 150.0 ± 12.0 °C (1 sd), cell 1 of string_1, 1 s after the start (its core is not known to 3 K)"
     )
 
 

@@ -86,6 +86,7 @@ def test_identification_settles_in_minutes_and_the_papers_tuning_in_ten():
     assert all(s > 1.5 * f for s, f in zip(slow, fast, strict=True))
 
 
+@pytest.mark.slow
 def test_the_window_beats_least_squares_on_true_surfaces_with_noise():
     error = []
     for seed in (101, 102, 103):

@@ -65,6 +65,7 @@ def test_the_search_finds_what_trying_all_finds(monkeypatch, condition, m):
 
 
 @pytest.mark.parametrize(("n", "m"), [(40, 5), (120, 4), (250, 3)])
+@pytest.mark.plain_cases(1)
 def test_a_long_string_is_placed_at_least_as_well_as_evenly(n, m):
     p = cells(n)
     found = PlacementProblem(p).best(m)

@@ -62,7 +62,7 @@ def test_the_bounds():
 )
 def test_python(monkeypatch, version, expected):
     monkeypatch.setattr(doctor.sys, "version_info", version)
-    assert doctor._python() == expected
+    assert doctor.python_version() == expected
 
 
 @pytest.mark.parametrize(("platform", "state"), [("linux", "ok"), ("darwin", "missing")])
@@ -97,7 +97,7 @@ def test_the_kernels_modules_are_asked_for_a_socket(monkeypatch, error, expected
     names = {name: getattr(socket, name) for name in ("AF_CAN", "SOCK_RAW", "CAN_RAW")}
     monkeypatch.setattr(doctor, "socket", SimpleNamespace(socket=make, **names))
     monkeypatch.setattr(doctor.Path, "is_dir", lambda self: True)
-    found = doctor._modules(Path("/"))
+    found = doctor.can_modules(Path("/"))
     assert (found.name, found.state, found.what, found.command) == ("CAN modules", *expected)
     assert opened == ([(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW), "closed"] if error is None else [])
 
@@ -106,7 +106,7 @@ def test_a_kernel_without_modules_beside_it_needs_a_package(monkeypatch):
     monkeypatch.setattr(doctor.platform, "release", lambda: "1.2-x")
     asked = []
     monkeypatch.setattr(doctor.Path, "is_dir", lambda self: asked.append(str(self)))
-    assert doctor._load(Path("/"), "can_raw") == (
+    assert doctor.load_command(Path("/"), "can_raw") == (
         "sudo apt install linux-modules-extra-1.2-x (this kernel has no modules beside it), then modprobe"
     )
     assert asked == ["/lib/modules/1.2-x"]
@@ -214,21 +214,21 @@ def test_the_bit_rate_of_this_computer_is_asked_of_ip(monkeypatch):
 
     monkeypatch.setattr(doctor.subprocess, "run", run)
     monkeypatch.setattr(doctor.shutil, "which", lambda name, path=None: path and f"/usr/sbin/{name}")
-    assert doctor._bit_rate("can0", Path("/")) == Finding("bit rate", *BIT_RATES[0][1])
+    assert doctor.bit_rate("can0", Path("/")) == Finding("bit rate", *BIT_RATES[0][1])
     words = ["/usr/sbin/ip", "-json", "-details", "link", "show", "can0"]
     assert asked == [(words, {"capture_output": True, "timeout": 5, "check": True})]
     for answer in (b"[]", b"no json"):
         monkeypatch.setattr(doctor.subprocess, "run", lambda *_, a=answer, **__: SimpleNamespace(stdout=a))
-        assert doctor._link("can0") == {}
+        assert doctor.link_details("can0") == {}
     for error in (OSError("x"), subprocess.TimeoutExpired("ip", 5), subprocess.CalledProcessError(1, "ip")):
 
         def fails(*_, error=error, **__):
             raise error
 
         monkeypatch.setattr(doctor.subprocess, "run", fails)
-        assert doctor._link("can0") == {}
+        assert doctor.link_details("can0") == {}
     monkeypatch.setattr(doctor.shutil, "which", lambda name, path=None: None)
-    assert doctor._link("can0") == {}
+    assert doctor.link_details("can0") == {}
 
 
 @pytest.mark.parametrize(

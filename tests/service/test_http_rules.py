@@ -74,7 +74,7 @@ def test_the_bounds():
 )
 def test_what_a_request_is_answered(request_line, answer):
     server = made()
-    assert server._answer(request_line + b"\r\nHost: x y\r\n\r\n") == answer
+    assert server.answer(request_line + b"\r\nHost: x y\r\n\r\n") == answer
     assert server.refused == 0
 
 
@@ -129,7 +129,7 @@ def test_the_page_is_made_anew_once_it_is_older_than_its_time(monkeypatch):
     monkeypatch.setattr(http.time, "monotonic", lambda: now[0])
     server, found = made(lambda: next(pages)), []
     for now[0] in (0.0, 0.1, 0.2, 0.201, 0.3, 0.41):
-        found.append(server._fresh())
+        found.append(server.fresh())
     assert found == [b"1", b"1", b"1", b"2", b"2", b"3"]
 
 
@@ -147,7 +147,7 @@ def test_the_oldest_that_has_not_asked_is_let_go_and_where_all_have_the_oldest()
     server, clients = made(), [Client() for _ in range(3)]
     server.clients = dict(zip(clients, (True, False, False), strict=True))
     for ended in ([False, True, False], [False, True, True], [True, True, True]):
-        server._let_go()
+        server.let_go()
         assert [c.ended for c in clients] == ended
     assert (server.clients, server.refused) == ({}, 3)
 
@@ -180,14 +180,14 @@ def test_a_client_that_has_asked_is_not_idle(monkeypatch):
         ours, theirs = socket.socketpair()
         ours.setblocking(False)  # as asyncio gives what it accepts
         theirs.sendall(GET)
-        task = asyncio.ensure_future(server._serve(ours))
+        task = asyncio.ensure_future(server.serve(ours))
         server.clients[task] = False
         asked = []
-        monkeypatch.setattr(server, "_answer", lambda head: asked.append(dict(server.clients)) or b"x")
+        monkeypatch.setattr(server, "answer", lambda head: asked.append(dict(server.clients)) or b"x")
         await task
         assert asked == [{task: True}]
         other = asyncio.ensure_future(asyncio.sleep(0))
-        server._has_asked(other)
+        server.has_asked(other)
         await other
         assert other not in server.clients
         assert theirs.recv(10) == b"x"
@@ -214,7 +214,7 @@ def test_a_bug_in_the_page_is_told_with_its_place_and_what_was_let_go_is_no_bug(
 
     async def let_go():
         task = asyncio.ensure_future(asyncio.sleep(3600))
-        task.add_done_callback(server._on_served)
+        task.add_done_callback(server.on_served)
         server.clients[task] = False
         await asyncio.sleep(0)
         task.cancel()
@@ -296,7 +296,7 @@ def test_an_address_that_is_taken_is_told_once_and_no_try_leaves_its_socket(monk
 
         asyncio.run(tries())
     assert all(sock.fileno() == -1 for sock in opened[:3])
-    where = f"127.0.0.1:{server._port}"
+    where = f"127.0.0.1:{server.port}"
     assert caplog.messages == [f"no metrics at {where}: Address already in use; trying again, estimates go on"]
 
 

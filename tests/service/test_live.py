@@ -340,7 +340,7 @@ def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, m
 
 def test_the_watchdog_is_not_fed_when_receiving_stands_still(bus, systemd, caplog):
     gateway = Gateway(TickEngine(silent=0), bus.port)
-    gateway._turns.begin = lambda: None  # the drain is lost, nothing waits for frames
+    gateway.turns.begin = lambda: None  # the drain is lost, nothing waits for frames
     assert "WATCHDOG=1" not in fed_while_stalled(gateway, systemd, caplog)
 
 

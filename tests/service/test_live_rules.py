@@ -125,7 +125,7 @@ def test_all_that_the_engine_says_is_carried_out_in_order(world, caplog):
     with caplog.at_level(logging.INFO):
         world.play(gateway)
     assert seen == events[1:]
-    assert gateway._fits.started == [(engine, job)]
+    assert gateway.fits.started == [(engine, job)]
     assert port.sent == [events[1].batch, events[-1].batch]
     assert changes == [change]
     assert (gateway.tally.notices, gateway.tally.wakes) == ({"awake": 1, "clock": 2}, 1)

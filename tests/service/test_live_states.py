@@ -65,8 +65,8 @@ def test_the_watchdog_is_not_fed_when_nothing_drains_any_more(world, caplog, whe
     world.watchdog_s = 3.0
     gateway = world.gateway(port=world.port(descriptor=False))
     if when == 0.0:
-        gateway._turns.begin = lambda: None
-    world.play(gateway, (when, lambda: setattr(gateway._turns, "begin", lambda: None)), seconds=4.5)
+        gateway.turns.begin = lambda: None
+    world.play(gateway, (when, lambda: setattr(gateway.turns, "begin", lambda: None)), seconds=4.5)
     assert world.times("WATCHDOG=1") == fed
     assert set(caplog.messages) == {"stalled: receiving False, estimating True, sending True"}
     assert len(caplog.messages) == 4 - len(fed)
@@ -75,7 +75,7 @@ def test_the_watchdog_is_not_fed_when_nothing_drains_any_more(world, caplog, whe
 def test_the_watchdog_is_not_fed_when_frames_that_woke_it_are_never_drained(world, caplog):
     world.watchdog_s, port = 3.0, world.port()
     gateway = world.gateway(port=port)
-    world.play(gateway, (1.4, lambda: setattr(gateway._turns, "begin", lambda: None)), (1.5, port.arrive), seconds=3.5)
+    world.play(gateway, (1.4, lambda: setattr(gateway.turns, "begin", lambda: None)), (1.5, port.arrive), seconds=3.5)
     assert world.times("WATCHDOG=1") == [1_000_000]
     assert caplog.messages == ["stalled: receiving False, estimating True, sending True"] * 2
 
@@ -84,7 +84,7 @@ def test_the_watchdog_is_not_fed_once_a_deadline_is_two_seconds_old(world, caplo
     world.watchdog_s = 3.0
     engine = Engine(0.0)
     gateway = world.gateway(engine)
-    gateway._turns.arm = lambda: None
+    gateway.turns.arm = lambda: None
     engine.handle_timer = lambda *, now_ns: None
     world.play(gateway, seconds=3.5)
     assert world.times("WATCHDOG=1") == [1_000_000]
@@ -111,8 +111,8 @@ def test_the_state_is_saved_each_minute_and_at_the_end(world):
     gateway = world.gateway(engine, save=saved.append)
     world.play(gateway, seconds=130.0)
     assert gateway.tally.saved_s == START_S
-    assert gateway._saves.begun == [60_000_000, 120_000_000]
-    assert gateway._saves.most == [2.0]
+    assert gateway.saves.begun == [60_000_000, 120_000_000]
+    assert gateway.saves.most == [2.0]
     (state,) = saved
     assert (state["of"], set(state)) == (engine, {"of", "clock"})
 
@@ -120,7 +120,7 @@ def test_the_state_is_saved_each_minute_and_at_the_end(world):
 def test_no_state_is_saved_where_none_is_kept(world):
     gateway = world.gateway()
     world.play(gateway)
-    assert (gateway.tally.saved_s, gateway._saves) == (None, None)
+    assert (gateway.tally.saved_s, gateway.saves) == (None, None)
 
 
 def test_nothing_is_done_any_more_while_the_last_state_is_saved(world):
@@ -131,7 +131,7 @@ def test_nothing_is_done_any_more_while_the_last_state_is_saved(world):
     assert port.drains == [0, 100_000, 200_000, 300_000, 400_000]
     assert (engine.did, port.pumps) == ([], [0, 250_000])
     assert world.told[-1] == (450_000, "STOPPING=1", "STATUS=saving state")
-    assert gateway._fits.closed == 1
+    assert gateway.fits.closed == 1
     assert gateway.stopping
 
 
@@ -160,7 +160,7 @@ def test_a_signal_ends_it_and_a_person_waits_less_long(world, number, saving, wa
     end = world.play(gateway, (0.2, lambda: world.signals.actions[number]()), seconds=3600.0, then=micros)
     assert world.times("STOPPING=1") == [200_000]
     assert gateway.ended_by == number
-    assert gateway._saves.most == [saving]
+    assert gateway.saves.most == [saving]
     assert cancelled == [1_200_000]
     assert end == 1_200_000 + min(waiting_us, 800_000)
 
@@ -210,7 +210,7 @@ def test_a_bug_in_the_loop_ends_it_with_the_first_one_and_saves_nothing(world):
     with pytest.raises(ZeroDivisionError, match="first"):
         world.play(gateway, (0.5, both), seconds=3600.0)
     assert world.times("STOPPING=1") == [500_000]
-    assert (gateway._saves.most, gateway._fits.closed) == ([], 1)
+    assert (gateway.saves.most, gateway.fits.closed) == ([], 1)
 
 
 def test_a_fault_of_which_the_loop_knows_only_words_ends_it_with_these(world):
@@ -284,7 +284,7 @@ def test_a_reload_takes_the_new_engine_with_its_deadline(world, caplog):
     ]
     assert caplog.messages == ["reloaded"]
     assert (caplog.records[0].code, caplog.records[0].asked) == ("reload", True)  # a person has asked for it
-    assert gateway._reloads.going is None  # what is over is not kept
+    assert gateway.reloads.going is None  # what is over is not kept
 
 
 def test_a_config_that_is_wrong_is_told_and_the_engine_stays(world, caplog):

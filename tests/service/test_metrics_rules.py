@@ -202,10 +202,10 @@ def test_the_process(monkeypatch):
 def test_the_memory_is_the_second_number_of_statm_in_pages_and_left_out_where_it_cannot_be_read(monkeypatch):
     monkeypatch.setattr(metrics.Path, "read_text", lambda self: "9 21 7 1 0 1 0" if "statm" in str(self) else "")
     monkeypatch.setattr(metrics.os, "sysconf", lambda name: 4096 if name == "SC_PAGESIZE" else 0)
-    assert metrics._resident_bytes() == 21 * 4096
+    assert metrics.resident_bytes() == 21 * 4096
     for text in ("", "9", "9 x"):
         monkeypatch.setattr(metrics.Path, "read_text", lambda self, text=text: text)
-        assert np.isnan(metrics._resident_bytes())
+        assert np.isnan(metrics.resident_bytes())
 
 
 def test_the_hottest_and_coldest_of_each_string_and_nothing_of_what_is_not_known():

@@ -20,22 +20,23 @@ import pytest
 from bms_gateway.config.schema import Mqtt
 from bms_gateway.errors import ConfigError
 from bms_gateway.health.alerts import Change, Condition, Severity
-from bms_gateway.service import mqtt
+from bms_gateway.service import broker as module
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.mqtt import Publisher
 from bms_gateway.service.spool import Message, Spool
 from bms_gateway.service.summary import estimates, status
 from tests.service.broker import make_broker
 from tests.service.engine import TICK_NS, TickEngine
+from tests.service.mqtt_parts import certificates
 from tests.service.pack import Pack
 from tests.support.live_service import Bus, come, run, traffic
 
 
 @pytest.fixture
 def broker(tmp_path, monkeypatch):
-    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.05)
-    monkeypatch.setattr(mqtt, "RETRY_MOST_S", 0.2)
-    monkeypatch.setattr(mqtt, "ANSWER_S", 2.0)
+    monkeypatch.setattr(module, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(module, "RETRY_MOST_S", 0.2)
+    monkeypatch.setattr(module, "ANSWER_S", 2.0)
     broker = make_broker(tmp_path)
     yield broker
     broker.stop()
@@ -95,7 +96,7 @@ def beside(publisher, *tasks, listener=None):
             running.cancel()
             await asyncio.wait([running])
             if listener:
-                await come(lambda: "STOPPED" in listener.on("cars/7/status") or not publisher.connects)
+                await come(lambda: "STOPPED" in listener.on("cars/7/status") or not publisher.broker.connects)
                 listening.cancel()
                 await asyncio.wait([listening])
 
@@ -157,27 +158,27 @@ def test_a_process_that_is_killed_leaves_its_last_will(broker):
 
 def test_what_happens_while_the_broker_is_gone_waits_bounded_and_arrives_alerts_first(broker, caplog):
     p, listener = publisher(broker), Listener(broker.port)
-    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.broker")
 
-    connect = p._client
+    connect = p.broker.client
 
     def when_heard():
         if not listener.ready:
             raise aiomqtt.MqttError("nobody listens yet")
         return connect()
 
-    p._client = when_heard
+    p.broker.client = when_heard
 
     async def happenings():
-        await come(lambda: p.connected)
+        await come(lambda: p.broker.connected)
         broker.stop()
-        await come(lambda: not p.connected and not listener.ready)
+        await come(lambda: not p.broker.connected and not listener.ready)
         p.lines.append("ALARM: x")
         for k in range(1, 16):
-            p._put("estimate", {"k": k})
+            p.put("estimate", {"k": k})
             p.on_change(plug(k))
         await come(lambda: caplog.text.count("trying again") >= 2)
-        assert (p.spool.waiting("alert"), p.spool.waiting("estimate")) == (10, 10)
+        assert (p.broker.spool.waiting("alert"), p.broker.spool.waiting("estimate")) == (10, 10)
         broker.start()
         await come(lambda: len(listener.on("cars/7/estimates")) >= 10)
 
@@ -185,11 +186,11 @@ def test_what_happens_while_the_broker_is_gone_waits_bounded_and_arrives_alerts_
     order = [t for t, _, _ in listener.heard if not t.endswith("status")]
     assert order == ["cars/7/alert"] * 10 + ["cars/7/estimates"] * 10
     assert [json.loads(a)["cell"] for a in listener.on("cars/7/alert")] == list(range(6, 16))
-    assert p.spool.dropped == {"alert": 5, "estimate": 5}
+    assert p.broker.spool.dropped == {"alert": 5, "estimate": 5}
     assert "ALARM: x" in listener.on("cars/7/status")
     told = [r for r in caplog.records if r.levelno == logging.WARNING]
     assert len(told) <= 2, told  # told once that it is gone, however often it is tried
-    assert p.connects >= 2
+    assert p.broker.connects >= 2
 
 
 def test_a_broker_that_hangs_or_is_gone_delays_no_frame(broker):
@@ -200,19 +201,19 @@ def test_a_broker_that_hangs_or_is_gone_delays_no_frame(broker):
     done = []
 
     async def happenings():
-        await come(lambda: p.connected and len(engine.ticks) >= 3)
+        await come(lambda: p.broker.connected and len(engine.ticks) >= 3)
         broker.halt()
         for k in range(200):
             p.on_change(plug(k))
         at = len(engine.ticks)
-        await come(lambda: not p.connected and len(engine.ticks) >= at + 15)  # until the answer is overdue
-        assert p.spool.dropped["alert"] >= 100
+        await come(lambda: not p.broker.connected and len(engine.ticks) >= at + 15)  # until the answer is overdue
+        assert p.broker.spool.dropped["alert"] >= 100
         broker.go_on()
-        await come(lambda: p.connected and not p.spool.waiting("alert"))
+        await come(lambda: p.broker.connected and not p.broker.spool.waiting("alert"))
         broker.stop()
         at = len(engine.ticks)
-        await come(lambda: not p.connected and len(engine.ticks) >= at + 5)
-        done.append(p.published)
+        await come(lambda: not p.broker.connected and len(engine.ticks) >= at + 5)
+        done.append(p.broker.published)
 
     run(gateway, traffic(bus, duration=60.0), happenings(), until=lambda: done)
     bus.close()
@@ -254,15 +255,15 @@ def test_a_broker_that_refuses_is_told_once_and_a_new_password_is_taken_without_
     passwords(broker, tmp_path, "right")
     broker.start()
     p = publisher(broker, {"password_file": secret(tmp_path, "wrong\n")}, username="car", password_file="x")
-    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.broker")
 
     async def happenings():
         await come(lambda: caplog.text.count("trying again") >= 4)
-        assert not p.connected
+        assert not p.broker.connected
         secret(tmp_path, "right\n", 0o644)
         await come(lambda: "is open to others" in caplog.text)
         secret(tmp_path, "right\n")
-        await come(lambda: p.connected)
+        await come(lambda: p.broker.connected)
 
     beside(p, happenings)
     refused = [r for r in caplog.records if "trying again" in r.getMessage()]
@@ -270,25 +271,7 @@ def test_a_broker_that_refuses_is_told_once_and_a_new_password_is_taken_without_
     assert "Not authori" in refused[0].getMessage()
     assert "right" not in caplog.text
     assert "wrong" not in caplog.text
-    assert p.connects == 1
-
-
-def certificates(folder, name="localhost"):
-    """An authority and a broker's certificate."""
-    ca, key, request, cert = (folder / f"{name}.{end}" for end in ("ca", "key", "csr", "crt"))
-    ca_key = folder / f"{name}.ca.key"
-    new = ["-newkey", "rsa:2048", "-nodes"]
-    for words in (
-        ["req", "-x509", *new, "-keyout", ca_key, "-out", ca, "-subj", f"/CN=authority {name}", "-days", "2"],
-        ["req", *new, "-keyout", key, "-out", request, "-subj", f"/CN={name}"],
-        ["x509", "-req", "-in", request, "-CA", ca, "-CAkey", ca_key, "-CAcreateserial", "-out", cert, "-days", "2"],
-    ):
-        more = []
-        if words[0] == "x509":
-            (folder / "ext").write_text(f"subjectAltName=DNS:{name}")
-            more = ["-extfile", folder / "ext"]
-        subprocess.run(["openssl", *words, *more], check=True, capture_output=True)
-    return ca, key, cert
+    assert p.broker.connects == 1
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the client forgets a refused socket
@@ -303,14 +286,14 @@ def test_tls_is_spoken_with_the_right_broker_only(broker, tmp_path, caplog):
     bad = publisher(broker, {"ca_file": other}, tls=True, ca_file="x")
 
     async def both():
-        await come(lambda: good.connected)
+        await come(lambda: good.broker.connected)
 
     async def refused():
         await come(lambda: "certificate verify failed" in caplog.text)
 
     beside(good, both)
     beside(bad, refused)
-    assert (good.connects, bad.connects) == (1, 0)
+    assert (good.broker.connects, bad.broker.connects) == (1, 0)
     gc.collect()
     with pytest.raises(ConfigError, match=r"mqtt\.ca_file"):
         publisher(broker, {"ca_file": key}, tls=True, ca_file="x")
@@ -354,10 +337,10 @@ class Talker(Liar):
 
 def test_a_broker_that_talks_without_end_is_left(monkeypatch, caplog):
     """The client keeps each such message until the broker has acknowledged the acknowledgement: 190 MB in 8 s."""
-    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.05)
-    monkeypatch.setattr(mqtt, "RETRY_MOST_S", 0.2)
-    monkeypatch.setattr(mqtt, "ANSWER_S", 1.0)
-    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    monkeypatch.setattr(module, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(module, "RETRY_MOST_S", 0.2)
+    monkeypatch.setattr(module, "ANSWER_S", 1.0)
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.broker")
     broker = Talker()
     broker.start()
     p = publisher(broker)
@@ -374,10 +357,10 @@ def test_a_broker_that_talks_without_end_is_left(monkeypatch, caplog):
 
 def test_a_packet_that_announces_256_mb_takes_none_of_it(monkeypatch, caplog):
     """The client took room for all of it at once: 61 MB became 266."""
-    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.05)
-    monkeypatch.setattr(mqtt, "RETRY_MOST_S", 0.2)
-    monkeypatch.setattr(mqtt, "ANSWER_S", 2.0)
-    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    monkeypatch.setattr(module, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(module, "RETRY_MOST_S", 0.2)
+    monkeypatch.setattr(module, "ANSWER_S", 2.0)
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.broker")
     broker = Liar()
     broker.start()
     p = publisher(broker)

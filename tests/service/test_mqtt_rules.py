@@ -10,22 +10,12 @@ from types import SimpleNamespace
 import aiomqtt
 import pytest
 
-from bms_gateway.config.schema import Mqtt
 from bms_gateway.errors import ConfigError
 from bms_gateway.health.alerts import Change, Condition, Severity
-from bms_gateway.service import mqtt
-from bms_gateway.service.mqtt import Publisher
+from bms_gateway.service import broker, mqtt
 from bms_gateway.service.spool import Message
-from tests.service.test_mqtt import certificates
+from tests.service.mqtt_parts import certificates, publisher, running
 from tests.support.live_service import come
-
-
-def publisher(files=None, estimates=dict, **settings):
-    lines = ["OK"]
-    wanted = {"host": "broker", "topic": "cars/7", "spool": 10, "interval_s": 3600.0} | settings
-    made = Publisher(Mqtt(**wanted), files or {}, status=lambda: lines[-1], estimates=estimates)
-    made.lines = lines
-    return made
 
 
 class Client:
@@ -62,14 +52,20 @@ class Client:
 
 
 def test_the_bounds():
-    assert (mqtt.RETRY_FIRST_S, mqtt.RETRY_MOST_S, mqtt.ANSWER_S, mqtt.FAREWELL_S) == (1.0, 60.0, 10.0, 1.0)
-    assert (mqtt.KEEPALIVE_S, mqtt.MOST_PACKET, mqtt.FREE_BYTES) == (30, 128, 4096)
-    assert (mqtt.BYTES_EACH, mqtt.BYTES_PER_S, mqtt.PORT, mqtt.PORT_TLS) == (32, 8, 1883, 8883)
+    assert (broker.RETRY_FIRST_S, broker.RETRY_MOST_S, broker.ANSWER_S, broker.FAREWELL_S) == (1.0, 60.0, 10.0, 1.0)
+    assert (broker.KEEPALIVE_S, broker.MOST_PACKET, broker.FREE_BYTES) == (30, 128, 4096)
+    assert (broker.BYTES_EACH, broker.BYTES_PER_S, broker.PORT, broker.PORT_TLS) == (32, 8, 1883, 8883)
 
 
 def test_a_publisher_begins_with_nothing():
     p = publisher()
-    assert (p.connected, p.connects, p.published, p._delay_s, p.spool.head()) == (False, 0, 0, 0.0, None)
+    assert (p.broker.connected, p.broker.connects, p.broker.published, p.broker.delay_s, p.broker.spool.head()) == (
+        False,
+        0,
+        0,
+        0.0,
+        None,
+    )
 
 
 # what is put into the spool
@@ -80,17 +76,17 @@ def test_an_alert_is_one_object_that_says_what_where_and_when(monkeypatch):
     p = publisher()
     p.lines.append("ALARM: x")
     p.on_change(Change(Condition("sensor", Severity.ALARM, "60 °C", "s1", 4), False))
-    kind, message = p.spool.head()
+    kind, message = p.broker.spool.head()
     assert (kind, message.topic) == ("alert", "cars/7/alert")
     assert "60 °C".encode() in message.payload
     found = {"time": 1234.568, "raised": False, "severity": "ALARM", "alert": "sensor", "string": "s1", "cell": 4}
     assert json.loads(message.payload) == found | {"text": "60 °C"}
-    assert p._line == "ALARM: x"
+    assert p.broker.line == "ALARM: x"
 
 
 def test_no_message_holds_what_json_has_not():
     with pytest.raises(ValueError, match="not JSON compliant"):
-        publisher()._put("estimate", {"x": float("nan")})
+        publisher().put("estimate", {"x": float("nan")})
 
 
 # the client
@@ -105,12 +101,12 @@ def made(monkeypatch):
         calls.append((args, options))
         return Client()
 
-    monkeypatch.setattr(mqtt.aiomqtt, "Client", client)
+    monkeypatch.setattr(broker.aiomqtt, "Client", client)
     return calls
 
 
 def test_a_client_has_our_name_our_last_will_and_our_patience(made):
-    client = publisher(topic="t" * 120, username="car")._client()
+    client = publisher(topic="t" * 120, username="car").broker.client()
     with pytest.raises(ConnectionError, match="which is not for us"):
         client._client._sock_recv(129)
     ((args, options),) = made
@@ -140,7 +136,7 @@ def test_the_password_is_read_for_each_connection(made, tmp_path):
     for word in ("one", "two"):
         file.touch(0o600)
         file.write_text(f"{word}\n")
-        p._client()
+        p.broker.client()
     assert [options["password"] for _, options in made] == ["one", "two"]
 
 
@@ -148,7 +144,7 @@ def test_the_password_is_read_for_each_connection(made, tmp_path):
     ("settings", "port"), [({}, 1883), ({"tls": True}, 8883), ({"port": 99}, 99), ({"port": 98, "tls": True}, 98)]
 )
 def test_the_port_is_that_of_the_config_else_the_usual_one(made, settings, port):
-    publisher(**settings)._client()
+    publisher(**settings).broker.client()
     assert made[0][0] == ("broker", port)
     assert (made[0][1]["tls_context"] is None) is ("tls" not in settings)
 
@@ -160,11 +156,11 @@ def test_the_port_is_that_of_the_config_else_the_usual_one(made, settings, port)
 def reading(monkeypatch):
     """A publisher, the function by which its client reads, and the time."""
     now = [1000.0]
-    monkeypatch.setattr(mqtt.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(broker.time, "monotonic", lambda: now[0])
     p = publisher()
-    p.published = 5
+    p.broker.published = 5
     client = SimpleNamespace(_client=SimpleNamespace(_sock_recv=bytes))
-    p._bound(client)
+    p.broker.bound(client)
     return p, client._client._sock_recv, now
 
 
@@ -175,7 +171,7 @@ def test_a_packet_of_more_bytes_than_any_that_we_need_is_not_read(reading):
         read(1290)
     with pytest.raises(ConnectionError, match="129 bytes"):
         read(129)
-    assert p._refused == "the broker sends a packet of 129 bytes, which is not for us"
+    assert p.broker.refused == "the broker sends a packet of 129 bytes, which is not for us"
 
 
 def used_up(read):
@@ -191,8 +187,8 @@ def used_up(read):
 def test_a_broker_may_send_some_bytes_and_then_as_many_as_our_messages_and_the_time_explain(reading):
     p, read, now = reading
     assert used_up(read) == 4097
-    assert p._refused == "the broker has sent 4,097 bytes, though it has nothing to tell us"
-    p.published += 2
+    assert p.broker.refused == "the broker has sent 4,097 bytes, though it has nothing to tell us"
+    p.broker.published += 2
     assert used_up(read) == 64
     now[0] += 3.0
     assert used_up(read) == 24
@@ -204,46 +200,46 @@ def test_a_broker_may_send_some_bytes_and_then_as_many_as_our_messages_and_the_t
 def test_pauses_double_up_to_a_minute_and_only_the_first_is_told_to_people(caplog):
     p = publisher()
     caplog.set_level(logging.DEBUG)
-    p.connected = True
+    p.broker.connected = True
     delays = []
     for _ in range(8):
-        p._on_failed(OSError("no route"))
-        delays.append(p._delay_s)
+        p.broker.on_failed(OSError("no route"))
+        delays.append(p.broker.delay_s)
     assert delays == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0]
     assert [r.levelno for r in caplog.records] == [logging.WARNING] + [logging.DEBUG] * 7
     assert caplog.messages[0] == "MQTT: broker: no route; trying again, messages wait"
     assert caplog.records[0].code == "mqtt"
-    assert not p.connected
+    assert not p.broker.connected
 
 
 def test_the_reason_is_that_of_the_refusal_else_of_the_error_else_its_name(caplog):
     p = publisher()
     caplog.set_level(logging.DEBUG)
-    p._refused = "too much"
+    p.broker.refused = "too much"
     for error in (OSError("x"), OSError("x"), ConnectionResetError()):
-        p._on_failed(error)
+        p.broker.on_failed(error)
     assert [m.split(": ")[2].split(";")[0] for m in caplog.messages] == ["too much", "x", "ConnectionResetError"]
 
 
 def test_a_connection_is_told_and_does_not_shorten_the_pause_before_something_is_acknowledged(caplog):
     caplog.set_level(logging.INFO)
     p = publisher()
-    p._delay_s, p._told = 8.0, "OK"
-    p._on_connected()
-    assert (p.connected, p.connects, p._delay_s, p._told) == (True, 1, 8.0, None)
+    p.broker.delay_s, p.broker.told = 8.0, "OK"
+    p.broker.on_connected()
+    assert (p.broker.connected, p.broker.connects, p.broker.delay_s, p.broker.told) == (True, 1, 8.0, None)
     assert caplog.messages == ["MQTT: connected to broker"]
-    asyncio.run(p._publish(client := Client(), Message("t", b"x"), retain=False))
-    assert (p._delay_s, p.published, client.sent) == (0.0, 1, [("t", "x", 1, False)])
+    asyncio.run(p.broker.publish(client := Client(), Message("t", b"x"), retain=False))
+    assert (p.broker.delay_s, p.broker.published, client.sent) == (0.0, 1, [("t", "x", 1, False)])
 
 
 # the order of what is sent
 
 
 def publishing(p, client, *parts, end=True):
-    """Run `_publish_all` beside coroutine functions; gives the exception with which it ended."""
+    """Run `publish_all` beside coroutine functions; gives the exception with which it ended."""
 
     async def both():
-        task = asyncio.ensure_future(p._publish_all(client))
+        task = asyncio.ensure_future(p.broker.publish_all(client))
         for part in parts:
             await part()
         if end:
@@ -267,18 +263,18 @@ def sent(client, count):
 
 def test_first_the_status_then_alerts_then_estimates_and_the_status_again_where_it_is_another():
     p, client = publisher(), Client()
-    p._line = "OK"
-    p.connected = True
+    p.broker.line = "OK"
+    p.broker.connected = True
     for k in (1, 2):
-        p.spool.put("estimate", Message("cars/7/estimates", b"%d" % k))
-        p.spool.put("alert", Message("cars/7/alert", b"%d" % k))
+        p.broker.spool.put("estimate", Message("cars/7/estimates", b"%d" % k))
+        p.broker.spool.put("alert", Message("cars/7/alert", b"%d" % k))
 
     async def more():
-        p._line = "WARNING"
-        p.spool.put("alert", Message("cars/7/alert", b"3"))
-        p._wake.set()
+        p.broker.line = "WARNING"
+        p.broker.spool.put("alert", Message("cars/7/alert", b"3"))
+        p.broker.wake.set()
         await sent(client, 7)()
-        assert not p._wake.is_set()  # it waits, and does not go round and round
+        assert not p.broker.wake.is_set()  # it waits, and does not go round and round
 
     result = publishing(p, client, sent(client, 5), more)
     assert isinstance(result, asyncio.CancelledError)
@@ -296,20 +292,20 @@ def test_first_the_status_then_alerts_then_estimates_and_the_status_again_where_
         (True, 1, True),
         (False, 1, False),
     }
-    assert (p.published, p.connected, p.spool.head()) == (8, False, None)
+    assert (p.broker.published, p.broker.connected, p.broker.spool.head()) == (8, False, None)
 
 
 def test_a_status_that_changes_while_messages_are_sent_is_told_between_them():
     p, client = publisher(), Client()
-    p._line = "OK"
+    p.broker.line = "OK"
     for k in (1, 2):
-        p.spool.put("alert", Message("cars/7/alert", b"%d" % k))
+        p.broker.spool.put("alert", Message("cars/7/alert", b"%d" % k))
     publish = client.publish
 
     async def changing(topic, payload, **options):
         await publish(topic, payload, **options)
         if payload == b"1":
-            p._line = "ALARM"
+            p.broker.line = "ALARM"
 
     client.publish = changing
     publishing(p, client, sent(client, 4))
@@ -324,19 +320,19 @@ def test_a_status_that_changes_while_messages_are_sent_is_told_between_them():
 
 def test_a_message_that_was_not_acknowledged_waits_for_the_next_connection():
     p, client = publisher(), Client(fails_after=2)
-    p._line = "OK"
-    p.connected = True
+    p.broker.line = "OK"
+    p.broker.connected = True
     for k in (1, 2):
-        p.spool.put("alert", Message("cars/7/alert", b"%d" % k))
+        p.broker.spool.put("alert", Message("cars/7/alert", b"%d" % k))
     assert isinstance(publishing(p, client, end=False), aiomqtt.MqttError)
     assert client.lines == [("status", "OK"), ("alert", "1")]
-    assert p.spool.head()[1].payload == b"2"
-    assert not p.connected
+    assert p.broker.spool.head()[1].payload == b"2"
+    assert not p.broker.connected
 
 
 def test_a_broker_that_goes_while_nothing_is_to_be_sent_is_noticed():
     p, client = publisher(), Client(error=aiomqtt.MqttError("it is gone"))
-    p._line = "OK"
+    p.broker.line = "OK"
 
     async def goes():
         client.broken.set()
@@ -347,9 +343,9 @@ def test_a_broker_that_goes_while_nothing_is_to_be_sent_is_noticed():
 
 
 def test_the_farewell_waits_for_nobody_long(monkeypatch):
-    monkeypatch.setattr(mqtt, "FAREWELL_S", 0.05)
+    monkeypatch.setattr(broker, "FAREWELL_S", 0.05)
     p, client = publisher(), Client()
-    p._line = "OK"
+    p.broker.line = "OK"
     publish = client.publish
 
     async def slow(topic, payload, **options):
@@ -365,23 +361,9 @@ def test_the_farewell_waits_for_nobody_long(monkeypatch):
 # the thread of the client
 
 
-def running(p, *parts):
-    """Run the publisher beside coroutine functions, then stop it; gives the exception with which it ended."""
-
-    async def both():
-        task = asyncio.ensure_future(p.run())
-        for part in parts:
-            await part()
-        task.cancel()
-        (result,) = await asyncio.gather(task, return_exceptions=True)
-        return result
-
-    return asyncio.run(both())
-
-
 def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypatch, caplog):
     caplog.set_level(logging.INFO)
-    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.01)
+    monkeypatch.setattr(broker, "RETRY_FIRST_S", 0.01)
     p, clients = publisher(), []
 
     def client():
@@ -391,26 +373,26 @@ def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypat
         clients.append(Client(fails_after=1 if len(clients) == 1 else None, error=OSError("reset")))
         return clients[-1]
 
-    p._client = client
+    p.broker.client = client
 
     async def until():
         await come(lambda: len(clients) == 2 and clients[1].sent)
         assert [t.daemon for t in threading.enumerate() if t.name == "mqtt"] == [True]  # it holds up no end
-        p._put("estimate", {"k": 1})
+        p.put("estimate", {"k": 1})
         await come(lambda: len(clients) == 3 and len(clients[2].sent) == 2)
 
     assert isinstance(running(p, until), asyncio.CancelledError)
     assert "MQTT: broker: mqtt.password_file: is open to others; trying again, messages wait" in caplog.messages
     assert clients[1].lines == [("status", "OK")]
     assert clients[2].lines == [("status", "OK"), ("estimates", '{"k": 1}'), ("status", "STOPPED")]
-    assert (p.connects, p.connected, p._delay_s) == (2, False, 0.0)
+    assert (p.broker.connects, p.broker.connected, p.broker.delay_s) == (2, False, 0.0)
 
 
 def test_estimates_are_put_out_each_interval_with_the_time_and_the_line_of_then(monkeypatch):
     monkeypatch.setattr(mqtt.time, "time", lambda: 99.12345)
     p, client = publisher(estimates=lambda: {"a": 1}, interval_s=1.0), []
-    p._settings = p._settings.model_copy(update={"interval_s": 0.05})
-    p._client = lambda: client.append(Client()) or client[0]
+    p.interval_s = 0.05
+    p.broker.client = lambda: client.append(Client()) or client[0]
 
     async def until():
         await come(lambda: client and len(client[0].sent) >= 2)
@@ -428,7 +410,7 @@ def test_a_bug_in_the_client_ends_the_part_with_it_and_not_in_silence():
     def broken():
         raise ZeroDivisionError("a bug")
 
-    p._client = broken
+    p.broker.client = broken
     with pytest.raises(ZeroDivisionError, match="a bug"):
         asyncio.run(p.run())
 
@@ -439,20 +421,20 @@ def test_a_client_that_ends_without_a_reason_is_a_bug_too():
     async def ends():
         return None
 
-    p._live = ends
+    p.broker.live = ends
     with pytest.raises(RuntimeError, match="the client has ended"):
         asyncio.run(p.run())
 
 
 def test_the_metrics_of_the_connection():
     p = publisher()
-    p.connected, p.connects, p.published = True, 2, 3
+    p.broker.connected, p.broker.connects, p.broker.published = True, 2, 3
     for kind, count in (("alert", 1), ("estimate", 13)):
         for _ in range(count):
-            p.spool.put(kind, Message("t", b""))
+            p.broker.spool.put(kind, Message("t", b""))
     assert {
         (f.name.removeprefix("bms_gateway_mqtt_"), f.kind, *labels.items(), value)
-        for f in p.families()
+        for f in p.broker.families()
         for _, labels, value in f.samples
     } == {
         ("connected", "gauge", 1.0),
@@ -469,27 +451,27 @@ def test_tls_checks_the_brokers_certificate_shows_ours_and_is_of_today(tmp_path)
     ca, key, cert = certificates(tmp_path)
     files = {"ca_file": ca, "cert_file": cert, "key_file": key}
     settings = {"tls": True, "ca_file": "x", "cert_file": "x", "key_file": "x"}
-    context = publisher(files, **settings)._tls
+    context = publisher(files, **settings).broker.tls
     assert (context.verify_mode, context.check_hostname) == (ssl.CERT_REQUIRED, True)
     assert context.minimum_version is ssl.TLSVersion.TLSv1_2
     assert len(context.get_ca_certs()) == 1
     for wrong, file in (("ca_file", key), ("cert_file", ca)):
         with pytest.raises(ConfigError, match=rf"^mqtt\.{wrong}: '{file}' cannot be used: "):
             publisher(files | {wrong: file}, **settings)
-    assert publisher(files)._tls is None
+    assert publisher(files).broker.tls is None
 
 
 def test_the_end_waits_for_the_farewell_and_half_as_long_again(monkeypatch):
-    monkeypatch.setattr(mqtt, "FAREWELL_S", 0.5)
-    within, waits = mqtt._within, []
+    monkeypatch.setattr(broker, "FAREWELL_S", 0.5)
+    within, waits = mqtt.within, []
 
     async def noted(event, seconds):
         waits.append(seconds)
         return await within(event, seconds)
 
-    monkeypatch.setattr(mqtt, "_within", noted)
+    monkeypatch.setattr(mqtt, "within", noted)
     p, clients = publisher(interval_s=3600.0), []
-    p._client = lambda: clients.append(Client()) or clients[-1]
+    p.broker.client = lambda: clients.append(Client()) or clients[-1]
 
     async def until():
         await come(lambda: clients and clients[0].sent)

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import aiomqtt
 import pytest
 
-from bms_gateway.service import mqtt
-from bms_gateway.service.mqtt import Threads
-from tests.service.test_mqtt_rules import publisher, running
+from bms_gateway.service import broker
+from bms_gateway.service.broker import Threads
+from tests.service.mqtt_parts import publisher, running
 from tests.support.live_service import come
 
 
@@ -28,7 +28,7 @@ def test_a_call_in_a_thread_of_its_own_gives_its_result_or_its_error():
 
 def test_a_call_that_was_cancelled_before_it_began_is_not_made(monkeypatch):
     begun = []
-    monkeypatch.setattr(mqtt, "Thread", lambda target, **_: SimpleNamespace(start=lambda: begun.append(target)))
+    monkeypatch.setattr(broker, "Thread", lambda target, **_: SimpleNamespace(start=lambda: begun.append(target)))
     called = []
     future = Threads().submit(called.append, 1)
     assert future.cancel()

@@ -59,6 +59,7 @@ def started(file, how):
 @pytest.mark.parametrize(
     ("how", "status"), [("exception", 1), ("abort", -signal.SIGABRT), pytest.param("hang", -9, marks=pytest.mark.slow)]
 )
+@pytest.mark.plain_cases(1)
 def test_a_service_that_its_state_ends_lives_without_it_and_says_so(tmp_path, how, status):
     """It was started again with the same state for ever."""
     file = config(tmp_path)

@@ -62,7 +62,7 @@ def test_a_change_of_the_alerts_is_told_to_systemd_at_once_and_to_the_broker(loa
             listener(change)
         assert told == ["status"]
         told.clear()
-    kind, message = gateway.beside["mqtt"].__self__.spool.head()
+    kind, message = gateway.beside["mqtt"].__self__.broker.spool.head()
     assert (kind, json.loads(message.payload)["text"]) == ("alert", "60 °C")
 
 

@@ -62,6 +62,7 @@ def served(config, frames, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.plain_cases(1)
 def test_a_log_gives_the_alerts_that_the_live_bus_gave(drive, tmp_path, seed):
     config, log, frames = drive
     assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path)]) == 0

@@ -100,7 +100,7 @@ class Pipe:
 @pytest.mark.parametrize(("most_s", "waits"), [(100.0, (90.0, 100.0)), (0.0, (0.001, 0.001))])
 def test_each_signal_is_heard_and_none_puts_the_end_off(monkeypatch, most_s, waits):
     heard, ended, signals = [], [], Signals(most_s)
-    monkeypatch.setattr(module._End, "now", lambda end: ended.append((end.after_s, end.status)))
+    monkeypatch.setattr(module.End, "now", lambda end: ended.append((end.after_s, end.status)))
 
     class Loop:
         def call_soon_threadsafe(self, action):

@@ -168,8 +168,8 @@ def test_a_state_kept_unread_is_told_until_a_person_has_seen_to_it():
 def test_a_suspended_computer_gets_a_new_grace_time(monkeypatch):
     pack = Pack(30, settings=prompt())
     pack.drive(8)
-    asleep = [pack.watch._asleep_s + 3600.0]
-    monkeypatch.setattr("bms_gateway.service.watch._asleep_s", lambda: asleep[0])
+    asleep = [pack.watch.asleep_s + 3600.0]
+    monkeypatch.setattr("bms_gateway.service.watch.slept_s", lambda: asleep[0])
     pack.port.counters.dropped = 3
     assert pack.drive(3) == "OK"
     assert pack.drive(1).startswith("WARNING: 3 frames lost")

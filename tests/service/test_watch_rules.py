@@ -123,7 +123,7 @@ def test_it_looks_at_once_and_then_once_a_second_from_a_grace_time_on(monkeypatc
 @pytest.mark.parametrize(("asleep_s", "grace"), [(0.0, False), (1.0, False), (1.25, True), (3600.0, True)])
 def test_only_a_computer_that_slept_longer_than_a_look_takes_gets_a_new_grace_time(monkeypatch, asleep_s, grace):
     bare, clock = Bare(), [50.0]
-    monkeypatch.setattr(module, "_asleep_s", lambda: clock[0])
+    monkeypatch.setattr(module, "slept_s", lambda: clock[0])
     bare.watch.look(1.0)
     bare.begun.clear()
     clock[0] += asleep_s
@@ -135,7 +135,7 @@ def test_only_a_computer_that_slept_longer_than_a_look_takes_gets_a_new_grace_ti
 def test_how_long_the_computer_slept_is_what_the_clock_that_stands_still_lacks(monkeypatch):
     clocks = {time.CLOCK_BOOTTIME: 5000.0, time.CLOCK_MONOTONIC: 1400.0}
     monkeypatch.setattr(module.time, "clock_gettime", clocks.__getitem__)
-    assert module._asleep_s() == 3600.0
+    assert module.slept_s() == 3600.0
 
 
 def test_a_grace_time_begins_when_the_bus_is_back_and_after_each_pause_and_not_before():

@@ -132,11 +132,11 @@ def test_a_line_that_journald_does_not_take_goes_elsewhere_unless_it_is_busy(jou
         def sendto(*_):
             raise error
 
-        monkeypatch.setattr(handler, "_sock", SimpleNamespace(sendto=sendto, close=lambda: None))
+        monkeypatch.setattr(handler, "sock", SimpleNamespace(sendto=sendto, close=lambda: None))
         handler.emit(record("a"))
         return others.took, handler.lost
 
-    handler._sock.close()
+    handler.sock.close()
     assert fails(BlockingIOError()) == ([], 1)
     assert fails(OSError(90, "Message too long")) == (["a"], 1)
     assert sock.fileno() > 0
@@ -144,7 +144,7 @@ def test_a_line_that_journald_does_not_take_goes_elsewhere_unless_it_is_busy(jou
 
 def test_the_socket_does_not_block_and_is_let_go(journald):
     handler, _, _ = journald
-    ours = handler._sock
+    ours = handler.sock
     assert not ours.getblocking()
     assert not os.get_inheritable(ours.fileno())
     handler.close()

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from bms_gateway.service.worker import Worker
+from bms_gateway.service.task_thread import Worker
 from tests.support.live_service import PATIENCE_S
 
 SOON_S = 5.0  # a thread that is free answers in milliseconds
@@ -110,7 +110,7 @@ def test_what_a_task_was_given_is_let_go_of_before_the_next_comes():
 def test_a_task_that_hangs_does_not_keep_the_process():
     code = """
 import asyncio, threading
-from bms_gateway.service.worker import Worker
+from bms_gateway.service.task_thread import Worker
 begun = threading.Event()
 async def main():
     Worker("x").submit(lambda: begun.set() or threading.Event().wait())

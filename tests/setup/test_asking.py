@@ -53,6 +53,7 @@ def test_what_is_not_sure_is_asked_and_left_out_if_refused(vehicle, tmp_path) ->
 
 
 @pytest.mark.parametrize("answers", ["\n", "j\n", "\x04"], ids=["enter", "ja", "end of input"])
+@pytest.mark.plain_cases(1)
 def test_what_is_agreed_to_is_taken(vehicle, tmp_path, answers) -> None:
     status, shown = init(vehicle, tmp_path / "v", answers)
     assert status == 0

@@ -11,7 +11,7 @@ from bms_gateway.setup.bit_cuts import likeliest_cuts
 from bms_gateway.setup.bit_fields import fields_of, name_of
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.without_dbc import guess
-from tests.setup.test_without_dbc import EVERY
+from tests.setup.every_vehicle import EVERY
 from tests.setup.vehicles import write
 
 FIELDS = {

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 MOST_MIB = 450
 """Of the whole program: it has some 110 MiB before, the bound is 100, and the timer looks twenty times a second."""
 
@@ -18,6 +20,7 @@ sys.exit(code)
 """
 
 
+@pytest.mark.slow
 def test_a_dbc_that_costs_too_much_is_refused_in_one_line(tmp_path):
     """A hundred thousand messages of one identifier are refused, and were then read once more without a bound."""
     (tmp_path / "a.log").write_text("(1700000000.000000) can0 123#11\n")

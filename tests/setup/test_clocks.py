@@ -18,7 +18,7 @@ from bms_gateway.setup.propose import propose
 from bms_gateway.setup.resting import surroundings
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.without_dbc import guess
-from tests.setup.test_resting import parked
+from tests.setup.parked_vehicle import parked
 from tests.setup.vehicles import write
 
 DBC = shipped("deploy/worked/vehicle.dbc")
@@ -57,6 +57,7 @@ def found(log):
     ],
     ids=["from 1970", "6 hours", "6 years", "back", "one stamp"],
 )
+@pytest.mark.plain_cases(2)
 def test_a_clock_that_was_set_changes_nothing_but_is_told(moved, told, drive, tmp_path):
     plain = found(log_of(BEGIN_S + drive[0], drive[1], tmp_path / "plain.log"))
     log = log_of(moved(drive[0]), drive[1], tmp_path / "moved.log")

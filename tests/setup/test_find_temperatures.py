@@ -99,6 +99,7 @@ def with_voltages(missing: float, voltages: int):
 
 
 @pytest.mark.parametrize("missing", [3276.7, -250.0])
+@pytest.mark.plain_cases(1)
 def test_a_channel_that_is_not_fitted_moves_no_number(missing: float, tmp_path, capsys) -> None:
     log, dbc = write(with_voltages(missing, 12), tmp_path)
     traffic = read_traffic([log], [dbc])

@@ -26,6 +26,7 @@ def found(request, tmp_path_factory):
     return vehicle, log, folder / "out", json.loads(said.read_text())
 
 
+@pytest.mark.plain_cases(4)
 def test_every_signal_is_what_it_is(found) -> None:
     vehicle, _, _, said = found
     by_signal = {s["signal"]: s for s in said["signals"]}
@@ -68,6 +69,7 @@ def test_observed_values_are_those_of_the_drive(found) -> None:
             assert 3.0 < low <= high < 4.5
 
 
+@pytest.mark.plain_cases(4)
 def test_check_calls_it_sound_and_analyze_estimates(found, capsys, tmp_path) -> None:
     _, log, out, _ = found
     assert main(["check", str(out / "gateway.toml")]) == 0
@@ -82,6 +84,7 @@ def test_check_calls_it_sound_and_analyze_estimates(found, capsys, tmp_path) -> 
 
 
 @pytest.mark.parametrize("named", [False, True])
+@pytest.mark.plain_cases(1)
 def test_traffic_of_our_own_dbc_needs_no_guess(named: bool, tmp_path) -> None:
     from bms_gateway.config import shipped
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.engine.events import Estimated
+from bms_gateway.engine.events import Estimated, Parameters
 from bms_gateway.engine.readings import Layout
 from bms_gateway.setup.picture import Cores, draw
 
@@ -74,3 +74,19 @@ def test_the_surfaces_are_drawn(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(Axes, "fill_between", fill_between)
     assert draw(taken(), tmp_path / "cores.png").stat().st_size > 1000
     np.testing.assert_array_equal(drawn["surfaces"][:, :2], [[20.0, 25.0], [21.0, 28.0]])
+
+
+def test_a_fit_is_marked_where_the_core_steps(tmp_path, monkeypatch) -> None:
+    """The first fit of a drive moved the hottest core from 36 to 39.5 °C, and the picture said nothing."""
+    pytest.importorskip("matplotlib")
+    from matplotlib.axes import Axes
+
+    cores = Cores()
+    for second, strings in ((0, ("front", "rear")), (100, ()), (101, ("front", "rear")), (150, ("rear",))):
+        cores.take(estimated(second, [30.0, 31.0, 34.0, 33.0], [25.0, 26.0, 28.0, 27.0]))
+        for string in strings:
+            cores.learn(Parameters(second * 10**9, string, ()))
+    drawn = []
+    monkeypatch.setattr(Axes, "axvline", lambda _, x, **how: drawn.append((x, how["label"])))
+    assert draw(cores, tmp_path / "cores.png") is not None
+    assert drawn == [(101.0, "a fit gives new parameters"), (150.0, None)]  # not the numbers of the file at the start

@@ -101,3 +101,17 @@ def test_a_log_without_a_battery_is_told(tmp_path, capsys) -> None:
     assert main(["init", str(log), "--out", str(tmp_path / "v"), "--yes"]) in (1, 2)
     assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "v" / "gateway.toml").exists()
+
+
+def test_a_voltage_that_reads_bytes_of_two_measurements_speaks_against_no_current(tmp_path, capsys) -> None:
+    """A seventh of its samples read 0 to 38 V in place of 500; the others follow the current by one resistance."""
+    said, log = tmp_path / "init.json", str(need("can", "uwfe_autocross_2025-04-30_run10.log.gz"))
+    words = [log, "--dbc", str(need("dbc", "uwfe_2024CAR_fixed.dbc")), "--out", str(tmp_path / "v"), "--yes"]
+    assert main(["init", *words, "--json", str(said)]) == 0
+    current = next(s for s in json.loads(said.read_text())["signals"] if s["role"] == "current")
+    assert "the pack's voltage moves without it" not in " ".join(current["why"])
+    used = tmp_path / "check.json"
+    main(["check", str(tmp_path / "v" / "gateway.toml"), "--log", log, "--json", str(used)])
+    signal = json.loads(used.read_text())["signals"][current["signal"]]
+    assert signal["used"] > 0.95 * signal["seen"]
+    assert "moves without it" not in capsys.readouterr().out

@@ -1,26 +1,13 @@
 """Without a measured inlet: the lowest readings, those of a rest where there is one, and how well they are known."""
 
-import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.setup.resting import REST_S, Surroundings, surroundings
+from tests.setup.parked_vehicle import T, parked
 from tests.setup.proposals import proposed
-from tests.setup.vehicles import drive, plain, write
-
-N = 4000
-T = np.arange(N) / 10
-
-
-def parked(cooling_K: float = 0.0, level: float = 18.0, rest: float = REST_S + 20.0):
-    """A car that rests at first, at 0.5 A of its electronics, with four cells that differ, and is driven then."""
-    still = rest > T
-    heat = np.where(still, 0.0, (T - rest) * 8.0 / (T[-1] - rest))
-    cool = cooling_K * np.where(still, 1.0 - T / rest, 0.0)
-    vehicle = plain({f"CellTemp{k + 1}": level + 0.2 * k + heat + cool for k in range(4)}, unit="degC")
-    vehicle.values["Elec.PackCurrent"] = np.where(still, 0.5, drive(8).current)
-    return vehicle
+from tests.setup.vehicles import write
 
 
 def test_the_lowest_readings_at_rest_are_the_surroundings(tmp_path) -> None:

@@ -7,24 +7,9 @@ from bms_gateway.cli.main import main
 from bms_gateway.setup.find_charge import sign_by_charge
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.vehicle_logs import read_traffic
+from tests.setup.charged_vehicle import charged
 from tests.setup.proposals import proposed
 from tests.setup.vehicles import SECONDS, drive, plain, write
-
-SOC = '\nBO_ 900 State: 8 B\n SG_ BatterySOC : 0|16@1+ (0.01,0) [0|100] "%" B'
-
-
-def charged(sign: float, voltage: float | None = 1.0, soc: float = 1.0):
-    """A drive whose current counts charge positive where `sign` is −1; `voltage` −1 turns the pack's steps round."""
-    d = drive(8)
-    vehicle = plain({f"CellTemp{k + 1}": d.surface[:, k] for k in range(4)}, unit="degC")
-    vehicle.dbc += SOC
-    vehicle.values["Elec.PackCurrent"] = sign * d.current
-    vehicle.values["State.BatterySOC"] = 50 + soc * 100 * (d.soc - d.soc.mean())
-    at_rest = 46.0
-    vehicle.values["Elec.PackVoltage"] = (
-        np.full(len(d.t), at_rest) if voltage is None else at_rest - voltage * 0.01 * d.current
-    )
-    return vehicle
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

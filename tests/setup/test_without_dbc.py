@@ -13,9 +13,8 @@ from bms_gateway.frames.dbc import parse, parse_lenient
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.without_dbc import guess
 from tests.data import need
-from tests.setup.vehicles import VEHICLES, write
-from tests.setup.vehicles_abroad import ABROAD
-from tests.setup.vehicles_afar import AFAR
+from tests.setup.every_vehicle import EVERY
+from tests.setup.vehicles import write
 
 
 def bits(place):
@@ -56,7 +55,6 @@ CURRENTS = {"german": "HVB_Strom_Ist", "imperial": "PackCurrent", "terse": "I_Ba
             "worded": "BMS_IstStrom", "storage": "BatteryCurrent"}  # fmt: skip
 WARM = {"german": "HVB_Zelltemp_", "imperial": "Thermistor", "wrong_dbc": "cell_temp_", "terse": "BMS_2.T",
         "french": "BAT_TempModule_", "bus": "Ntc", "chinese": "DanTiWenDu", "worded": "BMS_Zelltemp"}  # fmt: skip
-EVERY = {**VEHICLES, **ABROAD, **AFAR}
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +75,7 @@ def simulated(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", CURRENTS)
+@pytest.mark.plain_cases(4)
 def test_a_current_is_among_the_first_three(simulated, name):
     assert any(CURRENTS[name] in path for names in simulated(name)[1]["current"] for path in names)
 

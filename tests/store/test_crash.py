@@ -94,6 +94,7 @@ def generation(folder):
 
 @pytest.mark.parametrize("load_first", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["loaded", "unread"])
 @pytest.mark.parametrize("start", STARTS)
+@pytest.mark.plain_cases(3)
 def test_every_cut_leaves_the_old_or_the_new_generation(tmp_path, start, load_first):
     before = start(tmp_path / "disk") if start is not first_start else (tmp_path / "disk").mkdir()
     recorder, safe = recorded(tmp_path / "disk", load_first=load_first)

@@ -176,6 +176,7 @@ def test_values_are_written_with_the_digits_that_give_them_back(ring):
     assert {row[3] for row in found} == {"0.333333333"}
 
 
+@pytest.mark.slow
 def test_a_table_of_many_columns_is_never_in_memory_as_a_whole(ring):
     """Of a block of some kilobytes, in which a thousand columns show the same samples."""
     columns = {"current_A": 0} | {f"surface_{k}_C": 0 for k in range(1, 1001)}

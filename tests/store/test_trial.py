@@ -103,6 +103,7 @@ def names(folder):
 
 
 @pytest.mark.parametrize(("how", "why"), DEATHS.items(), ids=DEATHS)
+@pytest.mark.plain_cases(2)
 def test_a_state_that_ends_the_service_three_times_is_set_aside_and_then_the_one_before(tmp_path, how, why):
     """The service was started again with it for ever."""
     two_saves(tmp_path)

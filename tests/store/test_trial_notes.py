@@ -181,7 +181,7 @@ def test_a_load_that_took_long_is_no_hang_and_is_noted_once(tmp_path):
     trial = Trial(tmp_path, "one")
     trial.against(7)
     trial.begin()
-    trial._alive_s -= HANG_S + 1.0
+    trial.alive_s -= HANG_S + 1.0
     for call in (trial.loaded, trial.alive):
         call()
         assert lines_of(tmp_path)[1] == ["try", "loaded", "went on"]
@@ -219,7 +219,7 @@ def test_fatal_signals_and_hangs_are_written_into_the_notes_while_the_trial_last
     trial.alive()
     assert (faults.file, faults.armed) == (None, [])
     trial.begin()
-    notes = (HANG_S, trial._handle)
+    notes = (HANG_S, trial.handle)
     assert os.fstat(faults.file).st_ino == (tmp_path / "state.trying").stat().st_ino
     assert faults.armed == [notes]
     trial.loaded()
@@ -311,7 +311,7 @@ def test_a_bus_that_takes_long_to_fail_takes_back_what_was_taken_for_a_hang(tmp_
     trial.loaded()
     with (tmp_path / "state.trying").open("a") as notes:
         notes.write("Timeout (0:00:05)!\n")
-    trial._alive_s -= HANG_S + 1.0
+    trial.alive_s -= HANG_S + 1.0
     with pytest.raises(StateError), trial.noting():
         raise StateError("no such interface")
     assert Trial(tmp_path, "one").against(1) == ""

@@ -41,6 +41,7 @@ CONTRACT = {
     "flow_dependent_cooling": (("surface", "string", -1.5), {"n": ("1", 0, 0.5, -0.5, 2)}),
     "natural_convection": (("surface", "string", -1.5), {"n": ("1", 0, 0.25, -0.3, 1)}),
     "ambient_loss": (("surface", "string", -1.5), {"G": ("W/K", 0, 0.2, -0.3, 2), "P": ("W", 0, 2, -40, 40)}),
+    "core_loss": (("core", "string", -1.5), {"G": ("W/K", 0, 0.2, -0.3, 2), "P": ("W", 0, 2, -40, 40)}),
     "surface_joule": (("surface", "string", -3.0), {"R_s": ("mOhm", 0, 0.5, -1, 5)}),
     "busbar_joule": (("surface", "string", -3.0), {"R_s": ("mOhm", 0, 0.7, -1, 5)}),
     "end_plate": (("surface", "string", -3.0), {"G": ("W/K", 0, 0.2, -0.3, 2), "P": ("W", 0, 2, -40, 40)}),

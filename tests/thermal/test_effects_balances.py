@@ -182,6 +182,7 @@ def test_natural_convection(n):
 def test_second_heat_paths():
     ends = np.array([1.0, 0.0, 0.0, 1.0])
     same(rates("ambient_loss", G=0.3, P=4.0), balances(surface=4.0 - 0.3 * (T_S - 25.0)))
+    same(rates("core_loss", G=0.3, P=4.0), balances(heat=column(U.I2 * R_E) + 4.0 - 0.3 * (T_C - 25.0)))
     same(rates("end_plate", G=0.3, P=4.0), balances(surface=(4.0 - 0.3 * (T_S - 25.0)) * ends))
     same(rates("surface_joule", R_s=4e-4), balances(surface=column(U.I2 * 4e-4)))
     same(rates("busbar_joule", R_s=4e-4), balances(surface=column(U.I2 * 4e-4) * ends))

@@ -41,6 +41,7 @@ CASES = {
     "flow_dependent_cooling": ({"n": 0.65}, {"n": 0.65}, None, 0.02),
     "natural_convection": ({"n": 0.3}, {"n": 0.3}, None, 0.03),
     "ambient_loss": ({"G": 0.22, "P": 1.2}, {"G": 0.22, "P": 1.2}, None, 0.02),
+    "core_loss": ({"G": 0.22, "P": 1.2}, {"G": 0.22, "P": 1.2}, None, 0.02),
     "surface_joule": ({"R_s": 4e-4}, {"R_s": 4e-4}, None, 0.02),
     "busbar_joule": ({"R_s": 5.5e-4}, {"R_s": 5.5e-4}, None, 0.02),
     "end_plate": ({"G": 0.45, "P": 2.2}, {"G": 0.45, "P": 2.2}, None, 0.02),

@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from bms_gateway.thermal.cells import cell_of
 from tests.data import need
-from tests.thermal.test_cell_priors import known_errors, off
+from tests.thermal.prior_errors import known_errors, off
 
 
 def columns(folder: str, file: str) -> dict[str, np.ndarray]:

@@ -92,6 +92,12 @@ def ambient_loss(t, *, G, P):
     t.casing_heat += P
 
 
+def core_loss(t, *, G, P):
+    t.core_G += G
+    t.sink = np.full(t.K, 25.0)
+    t.core_heat += P
+
+
 def surface_joule(t, *, R_s):
     t.casing_heat += R_s * t.I2[:, None]
 
@@ -159,6 +165,7 @@ CATALOGUE = {
         flow_dependent_cooling,
         natural_convection,
         ambient_loss,
+        core_loss,
         surface_joule,
         busbar_joule,
         end_plate,

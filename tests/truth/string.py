@@ -97,7 +97,7 @@ def rk4(truth, current, inlet, T_0, *, dt=1.0, substeps=2, heat=None):
     T_c0, T_s0 = T_0 if isinstance(T_0, tuple) else (T_0, T_0)
     x = np.stack([np.broadcast_to(T, truth.C_c.shape) for T in (T_c0, T_s0)]).astype(float)
     how = truth, x, current**2, inlet, heat, dt / substeps, substeps
-    states = _by_superposition(*how) if truth.B == 0.0 else _step_by_step(*how)
+    states = by_superposition(*how) if truth.B == 0.0 else step_by_step(*how)
     return np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1])
 
 
@@ -118,7 +118,7 @@ def _step(truth, x, inlet, I2, q, h, substeps):
     return x
 
 
-def _step_by_step(truth, x, I2, inlet, heat, h, substeps):
+def step_by_step(truth, x, I2, inlet, heat, h, substeps):
     states = np.empty((len(I2) + 1, *x.shape))
     states[0] = x
     for k in range(len(I2)):
@@ -131,7 +131,7 @@ AT_ONCE = 256
 """Steps whose inputs are prepared together."""
 
 
-def _by_superposition(truth, x, I2, inlet, heat, h, substeps):
+def by_superposition(truth, x, I2, inlet, heat, h, substeps):
     """The same where the balances are linear: a step is the sum of the steps of each state and input alone."""
     shape, n = truth.C_c.shape, truth.cells
     batch = shape[:-1]

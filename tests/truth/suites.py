@@ -20,6 +20,9 @@ READING = ((0.05, 0.0), (0.05, 0.1), (0.1, 0.0), (0.1, 0.1), (0.1, 0.25), (0.2, 
 NOT_WITH_ONE_CELL = (*(name for name, cells in LEAST_CELLS.items() if cells > 1), "neighbour_heat", "inlet_offset")
 """With one sensor the last two are an offset of the thermocouple."""
 
+LATER = ("core_loss",)
+"""Effects that came to the catalogue after its packs were numbered."""
+
 PAIRS = (
     ("entropic_heat", "resistance_temperature"),
     ("resistance_temperature", "ambient_loss"),
@@ -86,14 +89,20 @@ def _seeds(base, suite):
     return iter(range(base * 10_000 + suite * 1_000, base * 10_000 + (suite + 1) * 1_000))
 
 
+def _by_age(names):
+    """The names in two groups, so that the packs of an effect keep their numbers when another is added."""
+    return [n for n in names if n not in LATER], [n for n in names if n in LATER]
+
+
 def singles(seed, names: Iterable[str] = SIZES):
     """One effect each: all sizes with 5 cells, medium and strong with 8 and 12."""
-    seeds = _seeds(seed, 0)
+    seeds, names = _seeds(seed, 0), list(names)
     return [
         suited({name: size}, cells, next(seeds))
+        for some in _by_age(names)
         for cells, sizes in ((5, ("weak", "medium", "strong")), (8, ("medium", "strong")), (12, ("medium", "strong")))
         for size in sizes
-        for name in names
+        for name in some
     ]
 
 
@@ -101,7 +110,12 @@ def one_cell(seed):
     """One effect each in a single cell, all sizes."""
     seeds = _seeds(seed, 1)
     names = [name for name in SIZES if name not in NOT_WITH_ONE_CELL]
-    return [suited({name: size}, 1, next(seeds)) for size in ("weak", "medium", "strong") for name in names]
+    return [
+        suited({name: size}, 1, next(seeds))
+        for some in _by_age(names)
+        for size in ("weak", "medium", "strong")
+        for name in some
+    ]
 
 
 def controls(seed):

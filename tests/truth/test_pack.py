@@ -21,7 +21,7 @@ from tests.truth.string import TruthString, rk4, wavy_inlet
 
 IDS = """entropic_heat voltage_heat resistance_temperature resistance_soc resistance_asymmetry charge_transfer
 hysteresis polarization radial_gradient resistance_drift cooling_drift flow_dependent_cooling natural_convection
-ambient_loss surface_joule busbar_joule end_plate coolant_delay coolant_bypass cell_resistance cell_cooling
+ambient_loss core_loss surface_joule busbar_joule end_plate coolant_delay coolant_bypass cell_resistance cell_cooling
 cell_conduction neighbour_heat phase_change thermocouple_lag thermocouple_offset thermocouple_contact
 inlet_offset current_offset"""
 
@@ -72,6 +72,7 @@ class Written:
             Q += abs(I) * p["hysteresis"] * (1 - math.exp(-q / p["Ah"]))
         if "R_1" in p:
             Q += V_1**2 / p["R_1"]
+        Q += p.get("core_P", {}).get(cell, 0) - p.get("core_G", {}).get(cell, 0) * (T_c - 25.0)
         return Q
 
     def rates(self, t, x, k):
@@ -164,6 +165,7 @@ CASES = {
     "flow_dependent_cooling": ({"n": 0.7}, {"flow_n": 0.7}),
     "natural_convection": ({"n": 0.3}, {"film_n": 0.3}),
     "ambient_loss": ({"G": 0.5, "P": 2.0}, {"G": each(0.5), "casing": each(2.0)}),
+    "core_loss": ({"G": 0.5, "P": 2.0}, {"core_G": each(0.5), "core_P": each(2.0)}),
     "surface_joule": ({"R_s": 6e-4}, {"R_s": each(6e-4)}),
     "busbar_joule": ({"R_s": 9e-4}, {"R_s": {0: 9e-4, 2: 9e-4}}),
     "end_plate": ({"G": 0.5, "P": -2.0}, {"G": {0: 0.5, 2: 0.5}, "casing": {0: -2.0, 2: -2.0}}),

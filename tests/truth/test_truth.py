@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.truth.cycle import repeated, urban_assault
-from tests.truth.string import C_F, TruthString, _by_superposition, _step_by_step, lsoda, rk4, wavy_inlet
+from tests.truth.string import C_F, TruthString, by_superposition, lsoda, rk4, step_by_step, wavy_inlet
 
 
 @pytest.mark.parametrize("coolant", ["bulk", "ntu"])
@@ -34,7 +34,7 @@ def test_steps_by_superposition_are_the_steps_one_by_one(coolant, batch):
     I2, heat = rng.uniform(0, 1e4, (600, *batch)), rng.uniform(0, 20, (600, *batch, 3))
     for given in (None, heat):
         how = truth, x, I2, inlet, given, 0.5, 2
-        assert np.abs(_by_superposition(*how) - _step_by_step(*how)).max() < 1e-10
+        assert np.abs(by_superposition(*how) - step_by_step(*how)).max() < 1e-10
 
 
 def test_heat_leaves_the_string_with_the_coolant():

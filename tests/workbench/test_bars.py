@@ -16,6 +16,7 @@ road.trial({names: 'heat (a)', step: '+ heat (a)', before: stair(0.5), after: st
 LAST = "const b = [...document.querySelectorAll('.bars')[0].querySelectorAll('.bar')].at(-1);"
 
 
+@pytest.mark.slow
 def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
     pack = make_pack(tmp_path, seconds=600)
     with served(tmp_path, *pack.words) as url:

@@ -15,13 +15,14 @@ from bms_gateway.bus.logfile import read_log, write_log
 from bms_gateway.config import load_config, shipped
 from bms_gateway.config.model_file import read_model
 from bms_gateway.engine import Engine, Estimated, Notice, drive
-from bms_gateway.engine.events import Level
+from bms_gateway.engine.events import Alerted, Level
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.health.alerts import Change, Condition, Severity
 from bms_gateway.report.table import read_table
-from bms_gateway.workbench.events import Events
+from bms_gateway.workbench.incidents import Events
+from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.sources import Playback
-from bms_gateway.workbench.watch import Watch
 from tests.frames.payloads import OWN, parsed
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import come, faults
@@ -132,6 +133,37 @@ def test_a_group_says_of_every_cell_what_was_said_last():
     assert group["text"] == "surface of cell 10 is good again; cells 8,9 too"
 
 
+def test_what_an_alert_says_is_no_second_line():
+    """The same sentence stood twice at the same moment; a dead inlet was told by its notice and by its alert."""
+    events = Events()
+
+    def notice(second, code, text, cell=None, part=""):
+        events.take(Notice(second * SECOND, Level.WARNING, code, text, "string_1", cell, part))
+
+    def alert(second, code, text, part="", raised=True):
+        condition = Condition(code, Severity.WARNING, text, "string_1", part=part)
+        events.take(Alerted(second * SECOND, Change(condition, raised)))
+
+    def lines(second):
+        return [(e["text"], e["count"]) for e in events.grouped(second * SECOND, 0)]
+
+    notice(9, "sensor", "surface of cell 3 is not used", 3, "surface")
+    notice(10, "sensor", "coolant inlet is not used", None, "coolant_inlet")
+    assert lines(11) == [("coolant inlet is not used; cell 3 too", 2)]
+    alert(13, "sensor", "coolant inlet not used: check its sender", "coolant_inlet")
+    notice(20, "unproven", "cores not proven")
+    alert(20, "unproven", "cores not proven")
+    assert lines(30) == [
+        ("cores not proven", 1),
+        ("coolant inlet not used: check its sender", 1),
+        ("surface of cell 3 is not used", 1),  # which no alert has said
+    ]
+    assert len(lines(12)) == 1  # nothing of the future
+    proven = ("the model explains the surfaces: cores are proven again", 1)
+    notice(40, "unproven", proven[0])
+    assert lines(41)[:2] == [proven, ("cores not proven", 1)]
+
+
 def test_the_time_of_day_is_that_of_the_frames(watch):
     shown = at(watch, 40)
     assert shown["wall_ms"] * 1_000_000 == pytest.approx(BEGAN_NS + 41 * SECOND, abs=2 * SECOND)
@@ -199,11 +231,11 @@ def test_what_was_acknowledged_is_new_again_when_it_comes_again(watch):
     assert {r["reason"] for r in mine} == {"pump looked at"}
     assert all(r["acknowledged"].endswith("Z") for r in mine)
     assert "" in {r["reason"] for r in rows}  # the others were not
-    again = [x for x in watch._events.all if (x.code, x.string, bool(x.state)) == tuple(wish.values())][-1]
-    watch._events.all.append(replace(again, time_ns=watch._ticks.first_ns + 100 * SECOND))
-    end = watch._ticks.first_ns + 200 * SECOND
-    fresh = watch._events.grouped(end, watch._ticks.first_ns)
-    watch._events.all.pop()
+    again = [x for x in watch.events.all if (x.code, x.string, bool(x.state)) == tuple(wish.values())][-1]
+    watch.events.all.append(replace(again, time_ns=watch.ticks.first_ns + 100 * SECOND))
+    end = watch.ticks.first_ns + 200 * SECOND
+    fresh = watch.events.grouped(end, watch.ticks.first_ns)
+    watch.events.all.pop()
     assert next(x for x in fresh if [x[k] for k in wish] == list(wish.values()))["seen"] is None
     with pytest.raises(UsageError, match="nothing of the kind 'nonsense'"):
         watch.acknowledge("test", {"code": "nonsense", "string": "", "reason": "", "alert": True})
@@ -260,8 +292,8 @@ def test_a_silent_bus_within_a_log_is_told(tmp_path):
 def test_what_is_old_is_told(watch, monkeypatch):
     shown = at(watch, 50)
     assert (shown["state"], shown["age"]) == ("now", 0.0)
-    now = watch._kept + 12.0
-    monkeypatch.setattr("bms_gateway.workbench.watch.time.monotonic", lambda: now)
+    now = watch.kept_s + 12.0
+    monkeypatch.setattr("bms_gateway.workbench.live_estimates.time.monotonic", lambda: now)
     watch.whole = False  # as a bus that may still send
     try:
         watch.steer("follows", {"follow": True})

@@ -144,7 +144,10 @@ def test_every_step_stays_in_the_picture_on_one_axis(desk, added):
     sizes = [np.sqrt(np.mean([e**2 for e in x["each"]["y"] if e is not None])) for x in figure["steps"]]
     assert sizes[2] < 0.2 * min(sizes[:2])
     low, high = figure["layout"]["yaxis2"]["range"]
-    assert high - low > 4.0 * sizes[0] > 20.0 * sizes[2]  # that of the step which is furthest off
+    for x in figure["steps"]:  # the one which is furthest off too; peaks of noise may be cut
+        errors = np.array([e for e in x["each"]["y"] if e is not None])
+        assert np.mean((low <= errors) & (errors <= high)) > 0.98
+    assert high - low > 2.5 * sizes[0] > 12.0 * sizes[2]
     assert [x["name"] for x in desk.figure("core-0-2")["steps"]] == [s["name"] for s in added["steps"]]
 
 
@@ -180,6 +183,7 @@ def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added
     assert back["compared"] == added["compared"]
 
 
+@pytest.mark.slow
 def test_the_commands_do_the_same(desk, added, pack, monkeypatch, tmp_path, capsys):
     """The last line of the page, typed, gives the page's model and a report."""
     monkeypatch.chdir(tmp_path)

@@ -376,7 +376,7 @@ def test_what_cannot_be_taken_away_is_not_there():
         desk = json.loads(ask(server, "POST", "/api/desk", "{}", **JSON)[1])["desk"]
         status, body, _ = ask(server, "GET", f"/api/take?desk={desk}&what=nope")
         assert status == 404
-        assert json.loads(body)["error"] == "take: 'nope' is none of model, report, session"
+        assert json.loads(body)["error"] == "take: 'nope' is not one of model, report, session"
         assert ask(server, "GET", f"/api/take?desk={desk}")[0] == 404
         for what in ("figure?name=a&from=1&to=inf", "figure?name=a&from=1&to=x", "measures?a=nan&b=1"):
             status, body, _ = ask(server, "GET", f"/api/{what}&desk={desk}")

@@ -46,6 +46,7 @@ def port(url):
     return url.rstrip("/").rpartition(":")[2]
 
 
+@pytest.mark.slow
 def test_files_that_were_chosen_and_not_opened_are_there_after_a_restart(window, pack, tmp_path):
     with served(tmp_path) as url:
         page = window(url)
@@ -62,6 +63,7 @@ def test_files_that_were_chosen_and_not_opened_are_there_after_a_restart(window,
         assert page.text("#unkept") == ""
 
 
+@pytest.mark.slow
 def test_a_file_that_was_uploaded_anew_and_not_opened_takes_no_work_over_after_a_restart(window, pack, tmp_path):
     other = tmp_path / "other" / pack.hidden.name
     other.parent.mkdir()

@@ -11,7 +11,7 @@ from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine, Estimated, drive
 from bms_gateway.engine.forecast_result import TOLD_S
 from bms_gateway.frames.quality import Quality
-from bms_gateway.workbench.watch import Watch
+from bms_gateway.workbench.live_estimates import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
@@ -111,10 +111,28 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
             "return getComputedStyle(document.querySelectorAll('.live-cell')[arguments[0]])"
             ".backgroundColor.match(/\\d+/g).map(Number)"
         )
-        cores = page.run("return last.strings.flatMap(s => s.core)")
+        # a cell has the colour of its hottest point
+        cores = page.run("return last.strings.flatMap(s => s.core.map((x, k) => Math.max(x, s.centre[k] ?? x)))")
         page.run("show(last)")
         for k in (0, 30, 59):
             assert page.run(color, k) == pytest.approx(scale(cores[k]), abs=1.0)
+
+        # the colour is that of the hottest point, as key and tooltip say, and never that of a colder core
+        page.run(
+            "const p = structuredClone(last), s = p.strings[0];"
+            "[[-30, -14], [-5, 1]].forEach(([core, centre], k) => {"
+            "  s.core[k] = arguments[0] + core; s.centre[k] = arguments[0] + centre; });"
+            "show(p);",
+            LIMIT_C,
+        )
+        tip = page.run("return document.querySelectorAll('.live-cell')[1].title")
+        assert "hottest point 81.0" in tip
+        assert "the colour is that of the hottest point" in tip
+        assert page.run(color, 0) == pytest.approx(scale(LIMIT_C - 14), abs=1.0)
+        assert page.run(color, 1) == [176, 0, 32]
+        assert "Colour: the hottest point inside the cell, 30 °C" in page.text("#live-key")  # 50 K below the limit
+        page.run("const p = structuredClone(last); p.bus.refused = {}; show(p);")
+        assert page.text("#refused-line") == "All that came are used."  # of a sensor that is silent, nothing comes
 
         # the scale is fixed: other cells get hot, and this one keeps its colour
         hot = (
@@ -173,7 +191,7 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
         assert "heat that no current makes: 2.00 ± 0.59 w in cell 4" in told.lower()
         ahead = (
             "forecast at 40 A charging: hottest point in 1, 5, 10 min 40.0 ± 0.5, 42.0 ± 1.0, 44.0 ± 2.0 °C (cell 3); "
-            "cell 5 reaches its limit in 480 s; for 10 min 90 A discharge, 45 A charge"
+            "cell 5 reaches its limit in 480 s; 90 A discharging or 45 A charging can be held for 10 min"
         )
         assert ahead.lower() in told.lower()
         assert "internal resistance (r_e)" in told.lower()

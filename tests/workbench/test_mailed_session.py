@@ -58,6 +58,7 @@ def told(diagnosed):
     }
 
 
+@pytest.mark.slow
 def test_what_a_diagnosis_said_is_there_again(diagnosed, pack, tmp_path):
     text, before = diagnosed
     assert before["diagnosed"]["remains"]
@@ -75,6 +76,7 @@ def test_what_a_diagnosis_said_is_there_again(diagnosed, pack, tmp_path):
     assert {k: session[k] for k in ("digest", "diagnosed")} == {k: again[k] for k in ("digest", "diagnosed")}
 
 
+@pytest.mark.slow
 def test_of_other_measurements_or_another_model_it_is_left_out_and_said(diagnosed, pack, tmp_path):
     text, _ = diagnosed
     state, session = resumed(text, files(pack, pack.clean))
@@ -93,6 +95,7 @@ def test_of_other_measurements_or_another_model_it_is_left_out_and_said(diagnose
     assert "this is not the model that it was made of" in state["dropped"]
 
 
+@pytest.mark.slow
 def test_of_a_model_that_is_not_reached_it_is_left_out_and_said(diagnosed, pack):
     session = json.loads(diagnosed[0])
     session["diagnosed"][0]["step"] = 1
@@ -103,6 +106,7 @@ def test_of_a_model_that_is_not_reached_it_is_left_out_and_said(diagnosed, pack)
     assert "later model is left out" in state["dropped"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -119,6 +123,7 @@ def test_what_no_diagnosis_said_is_one_line(diagnosed, wrong):
         diagnoses_of({**session, **wrong})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "wrong"),
     [("verdict", 3), ("ranking", [{}]), ("core", None), ("selected", [None])],
@@ -130,6 +135,7 @@ def test_no_field_of_it_is_of_another_type(diagnosed, place, wrong):
         diagnoses_of(session)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [float("inf"), 10**400, -(10**301), True, "3"])
 def test_no_number_of_a_ranking_is_of_another_type(diagnosed, wrong):
     session = json.loads(diagnosed[0])
@@ -138,16 +144,19 @@ def test_no_number_of_a_ranking_is_of_another_type(diagnosed, wrong):
         diagnoses_of(session)
 
 
+@pytest.mark.slow
 def test_a_session_with_one_scale_for_all_bars_opens_too(diagnosed):
     session = json.loads(diagnosed[0])
     said = session["diagnosed"][0]["said"]
     now = json.loads(json.dumps(said))
+    del said["core"]["rests_on"]
     for r in said["ranking"]:
         del r["group"], r["against"], r["needs"]
     roles = ("named", "tied", "next", "instead")
     said |= {"needs": 0.1, "groups": dict.fromkeys(roles, "Part"), "against": dict.fromkeys(("", *roles), "log-odds")}
     (one,) = diagnoses_of(session)["diagnosed"]
     assert one["said"].keys() == now.keys()
+    assert one["said"]["core"] == {**now["core"], "rests_on": None}
     for r, new in zip(one["said"]["ranking"], now["ranking"], strict=True):
         assert r == {**new, "group": "Part" if new["role"] else "Weighed", "against": "log-odds", "needs": 0.1}
 

@@ -132,3 +132,35 @@ def test_the_map_zooms_with_the_other_pictures_and_a_click_shows_a_cell(window, 
             return page.run("return document.querySelector('#plot-surface').dataset.name === 'surface-0-3'")
 
         come(clicked, "the cell of the row that was clicked")
+
+
+OVERLAPS = """
+const node = document.querySelector('#plot-map'), box = (e) => e.getBoundingClientRect();
+const title = box(node.querySelector('.xtitle')), scale = [...node.querySelectorAll('.cbaxis text, .cbtitle text')];
+const numbers = [...node.querySelectorAll('.xtick text')];
+const beside = (a, b) => a.left >= b.right - 1 || a.top >= b.bottom - 1;
+const over = (a, b) => !beside(a, b) && !beside(b, a), names = (a, b) => `${a.textContent} over ${b.textContent}`;
+const after = (all, a, k) => all.slice(k + 1).filter((b) => over(box(a), box(b))).map((b) => names(a, b));
+const pairs = (all) => all.flatMap((a, k) => after(all, a, k));
+const found = numbers.filter((n) => over(box(n), title)).map((n) => `the title over ${n.textContent}`);
+const rotated = (t) => /rotate\\((?!0[, )])/.test(t.getAttribute('transform') ?? '');
+const turned = scale.filter(rotated).map((t) => `${t.textContent} is turned`);
+if (title.top < box(node.querySelector('.xtick text')).bottom - 3) found.push('the title beside the numbers');
+if (title.bottom > box(node).bottom + 1) found.push('the title below the picture');
+return [...found, ...turned, ...pairs([...scale, ...numbers])];
+"""
+APART = f"return (() => {{{OVERLAPS}}})().length === 0;"
+
+
+@pytest.mark.slow
+def test_the_words_of_the_map_stand_apart_at_every_width(window, pack):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        for width in (1280, 390, 1024, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+            page.reload()
+            page.wait("return document.querySelectorAll('#plot-map .cbaxis text').length > 1")
+            page.idle(FIT_S)
+            page.wait(APART, patience_s=10.0)

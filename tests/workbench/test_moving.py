@@ -4,22 +4,35 @@ import numpy as np
 import pytest
 
 from bms_gateway.config.model_file import read_model
+from bms_gateway.diagnosis import adding
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.identify.effort import beat, heard
 from bms_gateway.records.read import read_measurements
+from bms_gateway.report import examine
 from bms_gateway.report.html_correlation import correlation_table, correlations
 from bms_gateway.thermal import KINDS
+from bms_gateway.workbench.bench import Bench
 from bms_gateway.workbench.moving import Moving
+from tests.support.desk_steps import files
 from tests.truth.packs import pack as make_pack
 
 R_E, R_U = "internal electrical resistance (R_e)", f"{KINDS['R_u'].description} (R_u)"
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory):
-    pack = make_pack(tmp_path_factory.mktemp("pack"))
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+@pytest.fixture(scope="module")
+def measured(pack):
     model = read_model(pack.model)
-    return compare(model, read_measurements([pack.clean], model=model))
+    return model, read_measurements([pack.clean], model=model)
+
+
+@pytest.fixture(scope="module")
+def compared(measured):
+    return compare(*measured)
 
 
 def test_the_bar_moves_between_steps_and_never_back(monkeypatch):
@@ -52,6 +65,62 @@ def test_a_fit_tells_its_pieces(compared):
         problem.predict(compared.refitted.fit.theta)
         problem.columns(compared.refitted.fit.theta, compared.refitted.fit.prediction, problem.coordinates)
     assert len(count) >= 2
+
+
+def noted(monkeypatch, module, *names):
+    """What was told when each of these functions was called last, beside all that was told."""
+    told, at = [], {}
+
+    def watched(name, own):
+        def called(*words, **more):
+            at[name] = told[-1]
+            return own(*words, **more)
+
+        return called
+
+    for name in names:
+        monkeypatch.setattr(module, name, watched(name, getattr(module, name)))
+    return told, at
+
+
+def test_a_diagnosis_is_not_done_before_all_that_is_told_of_it_is_there(measured, monkeypatch):
+    """With sixty cells the bar stood at its end for twenty seconds."""
+    told, at = noted(monkeypatch, examine, "card_of", "known_core", "curve_of")
+    made = examine.examine(*measured, progress=lambda share, text: told.append((share, text)))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert told[-1] == (1.0, "done")
+    assert 0.5 < at["card_of"][0] < at["known_core"][0] < at["curve_of"][0] < 1.0
+    assert len({text for _, text in at.values()}) == len(at)  # each says what is being done
+
+    told, at = noted(monkeypatch, adding, "identify", "known_core", "judged_model")
+    wants = adding.asked_for(["entropic_heat"], measured[0])
+    known = made.diagnosis
+    adding.add_effects(*measured, wants, lambda share, text: told.append((share, text)), lambda *_, progress: known)
+    assert told[-1] == (1.0, "done")
+    assert all(share < 1.0 for share, _ in at.values())
+    assert {"known_core", "judged_model"} <= set(at)
+
+
+def test_every_share_of_a_comparison_and_an_addition_says_what_is_done(pack, tmp_path):
+    """The bar of sixty cells stood below a tenth until the model was there, without a word."""
+    bench, trials = Bench(), []
+    asked = {"files": files(pack), "folder": str(tmp_path), "text": pack.model.read_text(), "name": "refitted"}
+
+    def shares(do, **more):
+        told = []
+        bench.answer({"do": do, **asked, **more}, lambda share, text: told.append((share, text)), trials.append)
+        assert all(text and text[0] != " " for _, text in told), do
+        assert [share for share, _ in told] == sorted(share for share, _ in told)
+        return [share for share, _ in told]
+
+    shares("open")
+    assert shares("compare")[-1] > 0.7
+    shares("diagnose")
+    added = shares("add", words=["entropic_heat"])
+    assert len(trials) > 2
+    assert added[-1] == 1.0
+    assert sum(0.15 < share < 0.95 for share in added) > 2
 
 
 def test_what_only_a_product_tells_is_correlated(compared):

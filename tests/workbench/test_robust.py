@@ -101,6 +101,10 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
         report.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         report.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=10)
         assert faults(report, axe) == [], width
+    report.cdp("Emulation.setDeviceMetricsOverride", width=390, height=900, deviceScaleFactor=1, mobile=False)
+    report.reload()
+    report.wait("return document.documentElement.dataset.drawn")
+    assert report.run("return document.querySelectorAll('.modebar-btn').length") == 0  # they would lie on the legend
     report.click("table.heat td[title]")
     assert re.match(r"cell 1, .*: \d+ readings: .* K, sd .* K, RMSE .* K$", report.text(".cell-told"))
     report.cdp("Emulation.setDeviceMetricsOverride", width=690, height=1000, deviceScaleFactor=1, mobile=False)
@@ -113,6 +117,7 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
     assert report.complaints() == []
 
 
+@pytest.mark.slow
 def test_files_of_the_command_line_are_read_before_the_browser_comes(pack, tmp_path):
     model = tmp_path / "pack.toml"
     model.write_text(pack.model.read_text())

@@ -1,6 +1,9 @@
 """Long series on their way to a picture: thinned without loss, whole in a short window, correlated rightly."""
 
+import gc
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -69,12 +72,50 @@ def test_equal_series_are_kept_once_and_forgotten_with_their_file(shelf, tmp_pat
     assert not path.exists()
 
 
+class Noisy:
+    """Lets another thread run at the moment when the collector finds it."""
+
+    def __init__(self):
+        self.me = self
+
+    def __del__(self):
+        time.sleep(0)
+
+
+def test_pictures_are_drawn_side_by_side(shelf, tmp_path):
+    document = {"data": [{"kept": shelf.keep(np.arange(9.0), np.arange(9.0) + k)} for k in range(20)]}
+    shelf.save()
+    end = time.monotonic() + 4.0
+
+    def draw() -> int:
+        times = 0
+        while time.monotonic() < end:
+            Noisy()
+            assert drawn(document, tmp_path)["data"][3]["y"][-1] == 11.0
+            times += 1
+        return times
+
+    often, quick = gc.get_threshold(), sys.getswitchinterval()
+    gc.set_threshold(10)
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as threads:
+            drawings = [threads.submit(draw) for _ in range(4)]
+        assert all(each.result() for each in drawings)
+    finally:
+        gc.set_threshold(*often)
+        sys.setswitchinterval(quick)
+
+
 def test_the_axis_holds_every_step_whichever_is_shown():
     figure = {"data": [], "layout": {"yaxis": {"title": "K"}}, "span": {"yaxis": (0.0, 1.0)}}
     steps = [("a", True, {"span": {"yaxis": (-9.0, 1.0)}}), ("b", False, {"span": {"yaxis": (0.0, 2.0)}})]
     low, high = joined(figure, steps)["layout"]["yaxis"]["range"]
     assert low < -9.0 < 2.0 < high < 3.0
-    assert joined(figure, steps)["steps"] == [{"name": "a", "proven": True}, {"name": "b", "proven": False}]
+    own = [
+        {"name": name, "proven": proven, **drawn} for name, proven, drawn in steps
+    ]  # for an axis that fits one of them
+    assert joined(figure, steps)["steps"] == own
 
 
 def test_correlations_are_those_of_their_definition():

@@ -44,6 +44,7 @@ def test_notes_are_a_text_of_bounded_size(wrong):
     assert notes_of("x" * LONGEST_NOTES) == "x" * LONGEST_NOTES
 
 
+@pytest.mark.slow
 def test_notes_come_and_go_over_the_wire_and_stay_what_they_were(pack):
     written = 'Fühler 3 <script>alert(1)</script> & "quoted"\n温度 😀'
     with serving() as server:
@@ -84,6 +85,12 @@ def test_what_is_no_session_is_one_line(wrong):
         additions_of(wrong)
 
 
+def test_a_session_of_a_newer_version_is_said_to_be_so():
+    with pytest.raises(UsageError, match=r"made by a newer version .* \(workbench_session = 2; this one reads 1\)"):
+        additions_of({"workbench_session": 2, "files": {}, "added": []})
+
+
+@pytest.mark.slow
 def test_a_refusal_ends_the_way(pack):
     desk = Desk("resumes")
     try:

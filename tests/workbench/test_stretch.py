@@ -12,9 +12,9 @@ from bms_gateway.engine import Engine
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.report.table import read_table
+from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.sources import Playback
 from bms_gateway.workbench.stretch import in_order, signals
-from bms_gateway.workbench.watch import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -96,6 +96,7 @@ SHOWN = "const p = document.querySelector('#past'); return Number(p.dataset.poin
 ENDS = "return ['from', 'to'].map(k => Number(document.querySelector('#past-' + k).dataset.s))"
 
 
+@pytest.mark.plain_cases(1)
 def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
     with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
         page = window(url, (1280, 900))
@@ -121,16 +122,13 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         assert page.run("return document.querySelector('#time').value") == "190"  # no click went to a moment
 
         # the same by keys: both fields, in the words of the page's clock
-        wall = page.run("return document.querySelector('#past-from').type") == "datetime-local"
+        wall = page.run("return document.querySelector('#past-from').classList.contains('dated')")
         assert wall is (first > 1e9)
-        local = (
-            "const d = new Date(1e3 * arguments[0]), local = new Date(d - 6e4 * d.getTimezoneOffset());"
-            "return local.toISOString().slice(0, 19)"
-        )
+        local = "return new Date(1e3 * arguments[0]).toLocaleString('sv-SE')"  # as this page writes it in any language
         for field, s in (("from", 30), ("to", 90)):
             text = page.run(local, first + s) if wall else f"0:{s // 60:02}:{s % 60:02}"
             write = "const f = document.querySelector(arguments[0]); f.focus(); f.value = arguments[1];"
-            page.run(write, f"#past-{field}", text)  # a date picker is no text for the driver
+            page.run(write, f"#past-{field}", text)
             page.press("Enter")
             page.wait("return document.querySelector('#past-span').value === 'chosen'")
         page.wait(SHOWN + " === 61")
@@ -142,6 +140,11 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
             page.run(write, "#past-to", "soon")
             page.press("Enter")
             assert page.text("#error-text") == "A time such as 0:12:30 is needed"
+        else:
+            for text in ("2026-02-30 10:00:00", "03/01/2026, 2:05 PM", "2026-03-01 24:00", "10:60"):
+                page.run(write, "#past-to", text)
+                page.press("Enter")
+                assert page.text("#error-text") == "A date and a time such as 2026-03-01 14:05:00 are needed"
         page.click("#dismiss")
         assert faults(page, axe) == []
         for width in (390, 1024, 1920):

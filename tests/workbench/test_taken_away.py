@@ -13,9 +13,9 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
+from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.site import Site
 from bms_gateway.workbench.sources import Playback
-from bms_gateway.workbench.watch import Watch
 from tests.support.desk_steps import done
 from tests.support.doors import ask, serving
 from tests.support.vehicle_traffic import traffic

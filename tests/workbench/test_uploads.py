@@ -244,6 +244,7 @@ def test_from_afar_a_config_tells_nothing_of_the_files_here(foreign):
         desk.close()
 
 
+@pytest.mark.slow
 def test_the_name_of_a_string_is_no_path(foreign, tmp_path, monkeypatch):
     """`"string": "/home/me/secret"` told what that file says; it is refused before anything is estimated."""
     (foreign[1] / "secret.toml").write_text("password = 'a-word-of-mine'\n")

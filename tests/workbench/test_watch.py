@@ -15,9 +15,9 @@ from bms_gateway.engine import Engine, Estimated, drive
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.workbench import kept_ticks
-from bms_gateway.workbench import watch as watching
+from bms_gateway.workbench import live_estimates as watching
+from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.sources import Listening, Playback
-from bms_gateway.workbench.watch import Watch
 from tests.workbench.browser import come
 
 SECOND = 1_000_000_000
@@ -130,8 +130,8 @@ def test_a_wish_that_makes_no_sense_is_one_line(watch, wish):
 def test_a_long_log_is_thinned_evenly(loaded, log, monkeypatch):
     monkeypatch.setattr(kept_ticks, "MOST_TICKS", 20)
     watch = play(loaded, log)
-    times = np.diff(watch._ticks.times_ns)
-    assert len(watch._ticks.times_ns) <= 20
+    times = np.diff(watch.ticks.times_ns)
+    assert len(watch.ticks.times_ns) <= 20
     assert set(times.tolist()) == {4 * SECOND}
 
 

@@ -16,9 +16,29 @@ return own.filter(t => t.mode === 'lines' && t.x.length > 2).map(t => t.name);
 """
 
 
+CLOSE = {"C_c": 219.4, "C_s": 22.96, "R_e": 1.817, "R_c": 0.5209, "R_u": 1.236, "R_cc": 1.595, "C_f": 9.831}
+"""Numbers, in the file's units, that follow this pack's surfaces to 0.9 K: they pay for what the model lacks. A fit
+that allows for what it lacks follows them to 1.6 K."""
+
+
+def file_that_pays(pack):
+    """Write such numbers into the model file; what was known before any data stays in `[before]`."""
+    head, known = pack.model.read_text().split("[parameters]")
+    rows, *rest = known.partition("\n\n")
+    wrong = [
+        line if name not in CLOSE else f"{name} = {{ value = {CLOSE[name]}, {line.partition(', ')[2]}"
+        for line in rows.splitlines()
+        for name in [line.partition(" ")[0]]
+    ]
+    before = [line for line in rows.splitlines() if line.partition(" ")[0] in CLOSE]
+    text = "\n".join([*wrong, "", "[before]", *before])
+    pack.model.write_text(f"{head}[parameters]{text}{''.join(rest)}")
+
+
 def test_a_refit_that_is_worse_is_red_and_its_core_is_no_answer(window, axe, tmp_path):
     """The bars, tiles and curves showed a core to ± 26 K as they show one that is known."""
-    pack = make_pack(tmp_path, effect="phase_change")  # the fit follows it less closely than the file does
+    pack = make_pack(tmp_path, effect="phase_change")
+    file_that_pays(pack)
     with served(tmp_path, *pack.words) as url:
         page = window(url)
         seen_compared(page)

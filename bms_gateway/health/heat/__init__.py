@@ -1,4 +1,4 @@
-"""Heat that no current makes: how much, in which cell, and what else could look like it."""
+"""Heat that no current makes: its size, its cell, and other causes that look like it."""
 
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.heat_watch import HeatWatch, Told

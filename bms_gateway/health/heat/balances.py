@@ -1,8 +1,8 @@
-"""The string's heat balances over one step of the heat filter, and how they move with what is not known.
+"""The string's heat balances over one step of the heat filter, and their derivatives by the unknown numbers.
 
-Lin et al., Eq 1 and 16–18, sampled at the ends of the ticks of which a step consists: heat changes from tick to tick,
-and thermocouples are read in between, so neither the mean heat nor the end of the step alone says what they read.
-Heat at the casings is one more input, by which a change of R_u acts.
+Lin et al., Eq 1 and 16–18, sampled at the ends of the ticks of a step. Heat changes from tick to tick, and
+thermocouples are read in between, so a reading follows neither from the mean heat nor from the end of the step alone.
+Heat at the casings is one more input; a change of R_u acts through it.
 """
 
 from collections.abc import Sequence
@@ -19,22 +19,23 @@ from bms_gateway.thermal.string import coolant_path
 
 KELVIN = 273.15
 LEAST_LOSS, MOST_LOSS = -1.5, 0.95
-"""Share of the film's conductance that is lost."""
+"""Limits of the lost share of the film's conductance."""
 MOST_WHOLE = 0.5
-"""Greatest common loss, of the films' usual conductance, at which a cell's own share counts in full. A common loss is
-known to some tenths only, and an own share that follows a wrong one makes the film of each cell wrong. What is lost
-beyond takes from the own share as well: else a pump that stops leaves cells that differ by more than they do."""
+"""Greatest common loss, as a share of the films' usual conductance, at which a cell's own share counts in full. The
+common loss is known to some tenths only, and a wrong value makes the film of each cell wrong through its own share. A
+greater loss reduces the own share as well; otherwise a pump that stops would leave cells that seem to differ by more
+than they do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How some temperatures r follow from the state before a step of S strings of n cells, and from what acts in it.
+    """How temperatures r of S strings of n cells depend on the state before a step and on the inputs within it.
 
     Attributes
     ----------
     of : ndarray (S, …, r, 4n + 2)
-        Of the 2n temperatures before the step, of even heat, 1 W, in each of the n cores, of the same at each of the n
-        casings, and of the inlet at the start and at the end of the step, between which it is a straight line.
+        By the 2n temperatures before the step, by 1 W of constant heat in each of the n cores, by the same at each of
+        the n casings, and by the inlet at the start and at the end of the step; the inlet is linear in between.
     """
 
     of: Floats
@@ -74,13 +75,13 @@ class Balances:
     Attributes
     ----------
     end : Response
-        Of the temperatures after the step, r = 2n.
+        Temperatures after the step, r = 2n.
     mean : Response
-        Of the casings' means over the step, r = n.
+        Means of the casings over the step, r = n.
     at : Response
-        Of the casings at the start of the step and after each of its ticks, (S, n, L + 1, 4n + 2).
+        Casings at the start of the step and after each of its ticks, (S, n, L + 1, 4n + 2).
     tick, tick_core : ndarray (S, 2n, 2n), (S, 2n, n)
-        Of the temperatures after a tick, by those before it and by the heat in the cores, K/W.
+        Temperatures after a tick, by those before it and by the heat in the cores, K/W.
     M, m : ndarray (S, n, n), (S, n)
         Coolant at each cell, M T_s + m T_in.
     R_e, R_u, C : ndarray (S, n)
@@ -113,7 +114,7 @@ class Balances:
         return cls(**made | {k: Response(made[k]) for k in ("end", "mean", "at")})
 
     def with_string(self, s: int, one: "Balances") -> "Balances":
-        """Return them with those of string `s` in the place of it."""
+        """Return the balances with string `s` replaced by `one`."""
         changed: dict[str, Any] = {}
         for f in fields(self):
             old, new = getattr(self, f.name), getattr(one, f.name)
@@ -133,7 +134,7 @@ class Balances:
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * inlet[:, None], dtype=np.float64)
 
     def heated(self, heat: Floats) -> Floats:
-        """Tell what heat of each tick (L, S, n), W, does to the temperatures by its ends (L + 1, S, 2n), K."""
+        """Response (L + 1, S, 2n), K, of the temperatures at the ticks' ends to the ticks' heat (L, S, n), W."""
         T = np.zeros((len(heat) + 1, *self.tick.shape[:2]))
         if heat.any():
             of_tick = np.matmul(self.tick_core, heat.transpose(1, 2, 0))
@@ -155,7 +156,7 @@ def _balances(p: StringParameters, dt: float, ticks: int, sensors: Ints) -> dict
     B_s = np.zeros((2 * n, n))
     B_s[np.arange(1, 2 * n, 2), np.arange(n)] = 1.0 / p.C_s
     d = discretize(ContinuousString(s.A, np.hstack((s.B_q, B_s)), s.B_f), dt / ticks)
-    # state, heat in cores and at casings, inlet at start and end: each of them alone, tick by tick
+    # state, heat in cores and at casings, inlet at start and end: one at a time, tick by tick
     R, always = np.zeros((2, 2 * n, 4 * n + 2))
     R[:, : 2 * n], always[:, 2 * n : 4 * n] = np.eye(2 * n), d.B_q
     casings = [R[1::2]]
@@ -182,16 +183,16 @@ def _balances(p: StringParameters, dt: float, ticks: int, sensors: Ints) -> dict
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """What the numbers behind the temperatures act with in one step of S strings of n cells.
+    """Heats through which the unknown numbers act in one step of S strings of n cells.
 
     Attributes
     ----------
     heat : ndarray (S, n), W
         Mean heat by the current.
     lost : ndarray (S, n), W
-        What the casings keep of the heat that they would give to the coolant, by the numbers in force.
+        Heat that the casings keep instead of giving it to the coolant, by the present numbers.
     film, own_film : ndarray (S, n), W
-        Derivatives of this by the lost share of all films, and by the cell's own.
+        Derivatives of `lost` by the lost share of all films, and by the cell's own.
     entropy : ndarray (S, n), A K
         Heat per entropic coefficient.
     """
@@ -204,7 +205,7 @@ class Unknown:
 
     @classmethod
     def of(cls, b: Balances, at: Layout, z: Floats, q: Floats, gap: Floats, current: Floats, film: Floats) -> "Unknown":
-        """Take them from the numbers.
+        """Compute them from the numbers.
 
         Parameters
         ----------
@@ -214,21 +215,21 @@ class Unknown:
         q : ndarray (S, n), W
             Mean heat by the current.
         gap : ndarray (S, n), K
-            Casing over coolant, mean of the step, if the films are as identified.
+            Casing minus coolant, mean of the step, with the identified films.
         current : ndarray (S,), A
-            Its mean; 0 where not known.
+            Mean; 0 if unknown.
         film : ndarray (S,)
-            Usual loss of all films; NaN before it is known.
+            Usual loss of all films; NaN if unknown.
         """
         own = np.matmul(at.told_of, z[:, at.own_flow, None])[:, :, 0]
         common = np.clip(z[:, at.flow, None], LEAST_LOSS, MOST_LOSS)
-        # with few sensors, a cell's own share cannot be told from the common one
+        # few sensors cannot distinguish a cell's own share from the common one
         several = at.fitted.sum(axis=1)[:, None] >= REFERENCE
         usual = np.minimum(film, MOST_LOSS)[:, None]
         evident = several & np.isfinite(usual)
         left = np.where(evident, np.minimum(1.0, MOST_WHOLE + (1.0 - common) / (1.0 - usual)), 1.0)
         share = np.clip(common + own * left, LEAST_LOSS, MOST_LOSS)
-        # what a film keeps widens the gap within the step already
+        # the heat that a film keeps already widens the gap within the step
         k = np.arange(at.cells)
         per_gap = 1.0 / (b.R_u - share * b.mean.casing[:, k, k])
         flux = gap * per_gap
@@ -239,23 +240,23 @@ class Unknown:
 
 
 def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) -> tuple[Floats, Floats]:
-    """How the numbers behind the temperatures act on some temperatures r.
+    """How the unknown numbers act on temperatures r.
 
     Parameters
     ----------
     r : Response
-        Of these.
+        Of these temperatures.
     at : Layout
     z : ndarray (S, N)
     by : Unknown
     heated : ndarray (S, r), K
-        What the heat by the current does.
+        Effect of the heat by the current.
 
     Returns
     -------
     X : ndarray (S, r, N − 2n)
     moved : ndarray (S, r), K
-        What they do now.
+        Present effect of the numbers.
     """
     o = at.nodes
     X = np.zeros((*heated.shape, at.states - o))

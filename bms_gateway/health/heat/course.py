@@ -7,15 +7,15 @@ from math import exp
 import numpy as np
 
 from bms_gateway.health.heat.balances import MOST_LOSS
-from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter
+from bms_gateway.health.heat.filter import CALM_RATE, OWN_FIRST, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
 LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -100.0
 """A jump of the inlet's reading by the first number in one step makes it doubtful for the time of the second. An inlet
-that neither jumps nor stands still is taken for sound: coolant that seems warmer than it is read looks like a film that
-cools less. The third number is the ln prior of its fault."""
+that neither jumps nor is constant counts as good, because coolant that is warmer than its reading looks like a film
+that cools less. The third number is the ln prior of its fault."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
 """Ratio of the measured heat to that of the current. The current is not credible if the ratio plus so many sd is below
 the first number, and is credible again above the third."""
@@ -41,14 +41,14 @@ USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
 the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
 DRIVEN_FIRST, DRIVEN_S = 16.0, 900.0
-"""The same first value while a current warms the cells, and the time of warming in which it fades: no rest has shown
-how unlike the cells are then."""
-POOR_LN, POOR_K = 10.0, 1.2
-"""Such a mean, or an offset of a thermocouple in use that none of class 1 has and that no jump explains, above which a
-thermocouple that drifts or lags, and films that are lost slowly, are not told: the model lacks more than they would
-show."""
+"""The same first value while a current warms the cells, and the time of warming in which it decays: no rest has shown
+yet how much the cells differ."""
+POOR_LN, POOR_K, POOR_SHARE = 10.0, 1.2, 0.3
+"""Limits above which a thermocouple that drifts or lags, and films that are lost slowly, are not reported, because the
+model lacks more than they would show: this mean; an offset of a thermocouple in use that none of class 1 has and that
+no jump explains; a difference of a sensed cell in heat or film that no two cells of a string have."""
 VAGUE_DOUBT = 2.5
-"""Divisor of the evidence of a string with fewer than three sensors, which can be compared with its model only, or
+"""Divisor of the evidence of a string with fewer than three sensors, which can only be compared with its model, or
 without a measured coolant inlet."""
 
 
@@ -83,9 +83,11 @@ class Course:
     few : ndarray of bool (S,)
         The string has too few sensors whose readings are used.
     unlike : ndarray of bool (S,)
-        A thermocouple in use is further off the others than any is by itself.
+        Whether a thermocouple in use, or its cell, differs from the others by more than any of them does alone.
     driven : ndarray (S,), s
         Time for which the current has warmed the cells.
+    apart : ndarray (S,)
+        ln evidence on how much a cell with a thermocouple differs from the others.
     """
 
     constant_inlet: Bools
@@ -103,10 +105,11 @@ class Course:
     few: Bools
     unlike: Bools
     driven: Floats
+    apart: Floats
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
-        """Begin with the strings of a filter."""
+        """Start with the strings of a filter."""
         S, n = f.at.strings, f.at.cells
         return cls(
             constant_inlet=np.array(constant_inlet, np.bool_),
@@ -124,27 +127,28 @@ class Course:
             few=f.usual.alone,
             unlike=np.zeros(S, np.bool_),
             driven=np.zeros(S),
+            apart=np.zeros(S),
         )
 
     @property
     def doubt(self) -> Floats:
-        """What evidence (S,) is divided by."""
+        """Divisor of the evidence (S,)."""
         vague = self.few | self.constant_inlet
         first = np.where(self.warms, DRIVEN_FIRST * np.exp(-self.driven / DRIVEN_S), 0.0)
-        usual = np.maximum(self.ln, first)
+        usual = np.maximum(np.maximum(self.ln, first), self.apart)
         return np.asarray(np.maximum(1.0, usual / USUAL_LN) * np.where(vague, VAGUE_DOUBT, 1.0))
 
     @property
     def warms(self) -> Bools:
-        """Whether the current would have warmed the cells of each string (S,) by enough to be seen."""
+        """Whether the current would have warmed the cells of each string (S,) enough to be seen."""
         return np.asarray(self.warmed > np.where(self.alone, WARMS_ALONE_K, WARMS_K), dtype=np.bool_)
 
     def grown(self, f: HeatFilter) -> Floats:
-        """Growth of R_u (S,) against what it has been."""
+        """Growth of R_u (S,) against its usual value."""
         return (1.0 - self.film) / (1.0 - np.minimum(f.z[:, f.at.flow], MOST_LOSS)) - 1.0
 
     def shows_films(self, f: HeatFilter) -> Bools:
-        """Tell which strings (S,) show by the heat of the last minutes how well their films cool, and by no effect.
+        """Return which strings (S,) show the cooling of their films by the heat of the last minutes, without effects.
 
         Effects that are known to a tenth look like films that are a little worse.
         """
@@ -153,27 +157,32 @@ class Course:
 
     @property
     def poor(self) -> Bools:
-        """Which strings (S,) their models describe too badly to tell what comes slowly."""
+        """Which strings (S,) have models that are too poor to detect slow changes."""
         return np.asarray((self.ln > POOR_LN) | self.unlike, dtype=np.bool_)
 
     def compare(self, f: HeatFilter, used: Bools, jumped: Bools) -> None:
-        """Take in which thermocouples (S, m) are used, and which of them have jumped."""
-        off = np.where(used & ~jumped, np.abs(f.z[:, f.at.bias]), 0.0)
+        """Note which thermocouples (S, m) are used, and which of them have jumped."""
+        at, sound = f.at, used & ~jumped
+        off = np.where(sound, np.abs(f.z[:, at.bias]), 0.0).max(axis=1)
+        own = np.matmul(at.told_of, np.stack((f.z[:, at.own_load], f.z[:, at.own_flow]), axis=2))
+        shares = np.abs(own[np.arange(at.strings)[:, None], at.sensors]).max(axis=2)
+        share = np.where(sound, shares, 0.0).max(axis=1)
         self.few = used.sum(axis=1) < REFERENCE
-        self.unlike = np.asarray((off > POOR_K).any(axis=1), dtype=np.bool_)
+        self.unlike = np.asarray((off > POOR_K) | (share > POOR_SHARE), dtype=np.bool_)
+        self.apart = np.square(share / OWN_FIRST) / 2.0
 
     def forget(self, new: Bools) -> None:
-        """Begin anew with some of the strings: films and the inlet's offset are what they will be found to be."""
+        """Reset some of the strings: films and the inlet's offset are to be found anew."""
         self.film[new], self.frozen[new] = np.nan, 0
 
     def sleep(self, slept_s: float) -> None:
-        """Take in a time in which nothing flowed; what the inlet is off the cells is found anew."""
+        """Note a time without current; the offset between inlet and cells is then found anew."""
         self.frozen = np.full_like(self.frozen, -FOUND_STEPS)
         self.load = self.load * exp(-slept_s / 600.0)
         self.warmed = self.warmed * exp(-slept_s / 120.0)
 
     def take(self, f: HeatFilter, heat: Floats, inlet: Floats, heard: Bools) -> Bools:
-        """Take in a step: heat by the current (S, n), W, inlet (S,), °C; tell which strings are to be looked at."""
+        """Note a step with heat by the current (S, n), W, and inlet (S,), °C; return which strings must be judged."""
         at, dt = f.at, f.dt
         made, made_var = f.made()
         real = heat * np.maximum(1.0, made)[:, None]
@@ -198,5 +207,5 @@ class Course:
 
 
 def missing(share: Floats | float, sd: Floats | float) -> Bools:
-    """Whether the current makes so small a share of its heat (S,), known with sd, that it is not credible."""
+    """Whether the current makes so small a share of its heat (S,), with its sd, that it is not credible."""
     return np.asarray((share + MISSING_SURE * sd < MISSING) & (share + MISSING_SURE * sd > COLD), dtype=np.bool_)

@@ -1,9 +1,9 @@
-"""What the effects of a string's model do to its thermocouples: taken off the readings, the watch sees plain cells.
+"""Influence of a model's effects on its thermocouples: subtracted from readings, so that the watch sees plain cells.
 
-Two strings run free beside each other from the same start with the same inputs, one with the effects and one without;
-neither hears a reading. What they would read differs by what the effects do. The watch's balances are those of two
-nodes a cell, so this is the whole difference, but for what a fault itself does to an effect. Both run tick by tick,
-because a thermocouple's mean over a step depends on when in the step the current flowed.
+Two strings are simulated without readings, from the same start with the same inputs: one with the effects, one without.
+The difference of their thermocouples is the influence of the effects. The watch's balances have two nodes per cell, so
+this is the whole difference, except the influence of a fault on an effect. Both are simulated tick by tick, because a
+thermocouple's mean over a step depends on the time of the current in it.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from bms_gateway.thermal.system import System
 from bms_gateway.thermal.trajectory import Recursion, readings, reference, simulate
 
 STRAYED_K, STRAYED_FLOW = 3.0, 0.03
-"""The Jacobian is renewed when a temperature, or the logarithm of the flow, is further from where it was taken; the
-result does not depend on it, but the number of sweeps does."""
+"""The Jacobian is renewed when a temperature, or ln(flow), is further than this from where it was taken. It does not
+change the result, only the number of sweeps."""
 NAMES = tuple(f.name for f in fields(Measured))
 
 
 class FreeRun:
-    """A string that hears no reading.
+    """A simulated string that uses no reading.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class FreeRun:
         self._next: tuple[Floats, dict[str, Floats]] = self._X, self._carry
 
     def read(self, rows: Floats, dt: float) -> Floats:
-        """Tell what thermocouples read (N + 1, n), °C, before and after each of N ticks (N, 9); `go_on` makes it so."""
+        """Temperatures of thermocouples (N + 1, n), °C, before and after each of N ticks (N, 9); then call `go_on`."""
         u = drive_of(rows, dt)
         memory, carry = self._physics.memory(u, self._v, self._carry or None)
         system = System(self._physics, u, self._v, memory)
@@ -57,11 +57,11 @@ class FreeRun:
         return readings(system, X)
 
     def go_on(self) -> None:
-        """Go on from the end of what was read last."""
+        """Continue from the end of the last `read`."""
         self._X, self._carry = self._next
 
     def _near(self, system: System) -> Recursion:
-        """Give the recursion about a point near the state."""
+        """Return the recursion about a point near the state."""
         flow = float(np.log(np.mean(system.u.flow)))
         old = self._recursion
         near = np.abs(self._X - self._at).max() <= STRAYED_K and abs(flow - self._flow) <= STRAYED_FLOW
@@ -72,7 +72,7 @@ class FreeRun:
 
 
 class EffectShare:
-    """Of one string with effects.
+    """Influence of the effects of one string.
 
     Parameters
     ----------
@@ -95,24 +95,24 @@ class EffectShare:
         return Inputs(self._soc, self._models[0].capacity_Ah, self._dt, Disturbance().correlation)
 
     def add(self, m: Measured) -> None:
-        """Take in what drove the string over a tick."""
+        """Include the inputs of a tick."""
         self._ticks.append(m)
 
     def pause(self) -> None:
-        """Begin anew after a time without frames."""
+        """Start again after a time without frames."""
         self._ticks, self._runs, self._before = [], (), None
 
     def begin(self, level: float) -> None:
-        """Begin with all temperatures at `level`, °C."""
+        """Start with all temperatures at `level`, °C."""
         self._runs = tuple(FreeRun(m, level) for m in self._models)
         self._inputs = self._begin_inputs()
         self._inputs.begin(level)
         self._last, self._before = np.zeros_like(self._last), None
 
     def course(self, ticks: int) -> Floats:
-        """Let the ticks so far be a step; how much more (2 ticks + 1, n), K, thermocouples read with the effects.
+        """End a step at the present tick; return the effects' influence (2 ticks + 1, n), K, on the thermocouples.
 
-        At the ends of so many even parts of the step before, from its start on, and of this one.
+        It is given at the ends of as many even parts of the previous step, from its start on, and of this step.
         """
         before, now = self._before, self._now(ticks)
         if before is None:
@@ -127,7 +127,7 @@ class EffectShare:
         rows = np.stack([self._inputs.take(m) for m in _completed(heard)])
         with_effects, without = (run.read(rows, self._dt) for run in self._runs)
         more = with_effects - without
-        if not np.isfinite(more).all():  # an effect that cannot tell without what is missing
+        if not np.isfinite(more).all():  # an effect lacks an input
             return np.tile(self._last, (ticks + 1, 1))
         for run in self._runs:
             run.go_on()
@@ -139,7 +139,7 @@ class EffectShare:
 
 
 def _completed(ticks: Sequence[Measured]) -> list[Measured]:
-    """Ticks (one or more) of a step in which what is unknown, but for the inlet, is the mean of the others'."""
+    """Ticks (one or more) of a step with unknown values, except the inlet, replaced by the mean of the other ticks."""
     table = np.array([[getattr(m, k) for k in NAMES] for m in ticks], dtype=np.float64)
     there = np.isfinite(table)
     if there.all():

@@ -1,20 +1,20 @@
-r"""Faults held against each other: what each would have done to the surprises of the heat filter, and how well it fits.
+r"""Comparison of faults: how each would change the innovations of the heat filter, and how well this fits.
 
-A fault of amplitude f that began at θ moves the true numbers away from the filtered ones by s f, where s obeys the
-filter's own loop, and it moves the surprises by g f (Willsky and Jones, 1976):
+A fault of amplitude f that began at θ moves the true numbers away from the filtered ones by s f. s follows the filter's
+own loop, and the fault changes the innovations by g f (Willsky and Jones, 1976):
 
 .. math::
     s^- = F s, \quad g = H s + d, \quad s = s^- - K g,
 
-with s = e_j at θ for a fault that is a jump of the j-th number, and d what a fault of a thermocouple adds to its
-reading. Of the surprises ν with covariance S then
+with s = e_j at θ for a fault that is a jump of the j-th number, and d the effect of a thermocouple's fault on its
+reading. With innovations ν of covariance S,
 
 .. math::
     C = \sum g^T S^{-1} g, \quad D = \sum g^T S^{-1} ν, \quad
     \ln E = \frac{D^2}{2 (C + 1/σ^2)} - \frac{1}{2} \ln(1 + σ^2 C)
 
-is the ln of the evidence for the fault, of prior sd σ, over none. Instants θ are kept at ages of even ratios up to an
-hour. Everything is linear, so all faults of all strings go through one product.
+is the ln of the evidence for the fault, of prior sd σ, over no fault. Instants θ are kept at ages in constant ratios up
+to an hour. Everything is linear, so all faults of all strings are computed in one product.
 
 References
 ----------
@@ -24,18 +24,20 @@ systems, IEEE TAC 21 (1976).
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from bms_gateway.health.heat.filter import HeatFilter, Linear
-from bms_gateway.health.heat.layout import COMMON, Ints
+from bms_gateway.health.heat.layout import COMMON, Bools, Ints
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
 ONSETS = 10
 OLDEST = 3600.0
-"""s: what is older has gone into what the filter carries,"""
+"""s: older onsets are already contained in the filter's state,"""
 OLDEST_READ = 20
-"""if it was read in so many steps since; frames of a parked string are rare."""
+"""if there were so many steps with readings since; frames of a parked string are rare."""
 HEAT_SIZE = 4e-2
 """K/s of the cell's heat capacity: prior sd of a fault's heat."""
 
@@ -57,22 +59,25 @@ SIZE = {
     Kind.JUMP: 1.5,  # K
     Kind.SLOPE: 1.5,  # K/h
     Kind.LOOSE: 0.4,  # share of the coolant in the reading
-    Kind.LAG: 0.7,  # share of a reading that follows in `LATE_S`
+    Kind.LAG: 0.7,  # share of a reading that follows with the lag `LATE_S`
     Kind.FLOW: 0.5,  # share of the film's conductance lost
     Kind.INLET: 3.0,  # K
     Kind.LOAD: 0.7,  # share of the heat
 }
 """Prior sd of the amplitudes."""
 LATE_S = 90.0
-"""A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
+"""Lag of a thermocouple that has come off its cell; a smaller lag is a smaller share."""
 LIKELY_LN, NEAR_LN = 5.0, 24.0
-"""ln evidence from which on the likeliest onset of a fault is kept, and distance from the likeliest fault up to which:
-one fault is told from another only if both are tried since when they would have begun."""
+"""ln evidence above which the likeliest onset of a fault is kept, and distance from the likeliest fault up to which
+other onsets are kept: two faults can be distinguished only if both are tried since their beginning."""
 SLOPE_S = 600.0
-"""A drift is told from heat by its shape after so long: heat has come to rest by then."""
+"""Time after which a drift can be recognised: its shape differs from that of heat when the heat has settled."""
+ONE_FAULT_S = 1800.0
+"""Time for which the likeliest heat or drift counts as one fault, and not as a defect of the model; and time after a
+start in which no fault counts."""
 MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
-"""Amplitudes beyond are none: a reading that climbs or falls by more kelvin in an hour is no drift but a cell that
-heats or what a model lacks, and cells that seem to make so much more heat than the current are cooled less."""
+"""Limits of the amplitudes. A reading that changes by more kelvin in an hour is a cell that heats or a defect of the
+model, no drift. Cells that seem to make so much more heat than the current are cooled less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +87,7 @@ class Weighed:
     Attributes
     ----------
     ln : ndarray
-        Of the evidence over that for none; −inf where the amplitude has a sign that there is none of.
+        ln evidence over no fault; −inf if the sign of the amplitude is impossible.
     amplitude, var : ndarray
         Posterior.
     """
@@ -98,7 +103,7 @@ class Evidence:
     Attributes
     ----------
     kinds, place : ndarray of int (H,)
-        Kind of each fault, and the number of its cell or sensor among those told of.
+        Kind of each fault, and the number of its observed cell or sensor.
     at : Layout
     of : HeatFilter
     """
@@ -124,16 +129,17 @@ class Evidence:
         for j in range(4):
             real[:, a + j * m : a + (j + 1) * m] = at.fitted
         self._real = real[:, None, :]
-        self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
-        self._least = np.where(self.kinds == Kind.SLOPE, -self._most, -np.inf)
-        self._least[np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE))] = 0.0
+        most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
+        least = np.where(self.kinds == Kind.SLOPE, -most, -np.inf)
+        least[np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE))] = 0.0
+        self._range = least, most  # of the amplitudes
         self.at, self.of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
         self._before = np.zeros((S, ONSETS, COMMON))
         self._late = np.full((S, m, ONSETS), np.nan)
-        self._tried = 0  # onsets so far, at most as many as there are places
+        self._tried = 0  # number of onsets so far, at most the number of places
         self._birth = np.zeros((S, ONSETS))  # s
         self._read_before = np.zeros((S, ONSETS), np.int64)
         self._dear = np.zeros((S, ONSETS), np.bool_)
@@ -142,16 +148,25 @@ class Evidence:
         for s in range(S):
             self.forget(s)
 
+    @cached_property
+    def group(self) -> Ints:
+        """0-based cell of the thermocouple that is nearest to each fault (S, H); −1 for faults of all cells."""
+        at, kinds = self.at, self.kinds
+        near, group = np.take_along_axis(at.nearest(), at.told, axis=1), np.full((at.strings, len(kinds)), -1)
+        heat, own = kinds == Kind.HEAT, (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
+        group[:, heat], group[:, own] = near[:, self.place[heat]], at.sensors[:, self.place[own]]
+        return group
+
     def forget(self, s: int) -> None:
-        """Begin anew with string `s`."""
+        """Start again with string `s`."""
         self._s[s] = self._first[:, None, :]
         self._C[s], self._D[s] = 0.0, 0.0
         self._born[s], self._before[s] = self.now, self.of.before[s]
         self._late[s] = np.nan
 
     def take(self, x: Linear, *, read: bool = True) -> None:
-        """Take in one step of the filter; `read`: of which readings came."""
-        self._dear &= read  # in a sleep, onsets that may begin in it matter as much
+        """Include one step of the filter; `read`: which readings came."""
+        self._dear &= read  # in a sleep, all onsets that may begin in it are equally important
         self._begin()
         self._read += read
         at, H = self.at, len(self.kinds)
@@ -161,7 +176,7 @@ class Evidence:
         g = moved[:, N:].reshape(at.strings, m, ONSETS, H)
         decay = self.of.decay
         s = np.concatenate((moved[:, :N], flat[:, N:] * decay[:, None]), axis=1)
-        if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
+        if not read:  # a fault lasts while the filter forgets; this is visible only where frames are rare
             lasting = s.reshape(at.strings, at.states, ONSETS, H)
             j = np.arange(a)
             lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
@@ -180,14 +195,14 @@ class Evidence:
         self._s = s.reshape(self._s.shape)
 
     def _lagging(self, x: Linear) -> Floats:
-        """Tell what readings (S, m, onsets) that follow late since the onset are off in the mean of a step, K."""
+        """Error in the mean of a step, K, of readings (S, m, onsets) that lag since the onset."""
         before = (x.surface - x.rate * self.of.dt)[:, :, None]
         late = np.where(np.isnan(self._late), before, self._late)
         self._late = late + (x.mean[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
         return np.asarray((late + self._late) / 2.0 - x.mean[:, :, None], dtype=np.float64)
 
     def _begin(self) -> None:
-        """Let one more onset begin now, in each string in the place of the one that is missed least."""
+        """Start one more onset now; in each string, it replaces the least important one."""
         row = np.arange(self.at.strings)
         slot = self._spare() if self._tried == ONSETS else np.full_like(row, self._tried)
         self._tried = min(self._tried + 1, ONSETS)
@@ -198,7 +213,7 @@ class Evidence:
         self._late[row, :, slot] = np.nan
 
     def _spare(self) -> Ints:
-        """Places (S,) of the onsets that are missed least: ages stay in even ratios, and what is likeliest stays."""
+        """Places (S,) of the least important onsets: ages keep constant ratios, and likely onsets are kept."""
         row, order = np.arange(self.at.strings), np.argsort(self._birth, axis=1)
         ages = self.now + self.of.dt - np.take_along_axis(self._birth, order, axis=1)
         ratios = ages[:, :-2] / ages[:, 2:]
@@ -209,36 +224,49 @@ class Evidence:
         return np.asarray(order[row, np.where(old, 0, ratios.argmin(axis=1) + 1)], np.int64)
 
     def weigh(self) -> Weighed:
-        """Weigh all faults."""
+        """Compute the evidence of all faults."""
         prec = self._C + 1.0 / self._size2
         amplitude = self._D / prec
         ln = 0.5 * self._D * amplitude - 0.5 * np.log(1.0 + self._size2 * self._C)
-        young = (self.now - self._born)[:, :, None] < SLOPE_S
-        ln = np.where(young & (self.kinds == Kind.SLOPE), -np.inf, ln)
-        ln = np.where(self._real & (amplitude > self._least) & (amplitude < self._most), ln, -np.inf)
+        least, most = self._range
+        ln = np.where(self._real & (amplitude > least) & (amplitude < most), ln, -np.inf)
         best = ln.max(axis=1, keepdims=True)
         likely = best > np.maximum(best.max(axis=2, keepdims=True) - NEAR_LN, LIKELY_LN)
         self._dear = np.asarray(((ln == best) & likely).any(axis=2), np.bool_)
         return Weighed(ln, amplitude, 1.0 / prec)
 
+    def usual(self, w: Weighed, known: Bools) -> Floats:
+        """Greatest ln evidence (S,) that may be usual in a string because of defects of its model.
+
+        A drift is not usual. If heat or a drift has been the likeliest fault of a string for long (`known`, (S,)), no
+        other evidence of the same thermocouple is usual either: a fault must not weaken its own evidence over time.
+        """
+        row, each = np.arange(self.at.strings), w.ln.max(axis=1)
+        first = np.where(self.group >= 0, each, -np.inf).argmax(axis=1)
+        born = self._born[row, w.ln[row, :, first].argmax(axis=1)]
+        one = known & (self.now - born < ONE_FAULT_S) & np.isin(self.kinds[first], (Kind.HEAT, Kind.SLOPE))
+        one &= self.at.fitted.sum(axis=1) >= REFERENCE
+        own = one[:, None] & (self.group == self.group[row, first][:, None])
+        return np.asarray(np.where(own | (self.kinds == Kind.SLOPE), -np.inf, each).max(axis=1), dtype=np.float64)
+
     def moved(self, s: int, onset: int, fault: int) -> Floats:
-        """Tell what the fault of amplitude 1 has done to the numbers (N,) of string `s`."""
+        """Change of the numbers (N,) of string `s` by the fault with amplitude 1."""
         return np.asarray(self._s[s, :, onset, fault], dtype=np.float64)
 
     def before(self, s: int, onset: int) -> Floats:
-        """Tell what was common to all cells (5,) of string `s` before an onset."""
+        """States common to all cells (5,) of string `s` before an onset."""
         return np.asarray(self._before[s, onset], dtype=np.float64)
 
     def ages(self, s: int) -> Floats:
-        """Tell how many seconds ago each onset (onsets,) of string `s` was."""
+        """Age, s, of each onset (onsets,) of string `s`."""
         return np.asarray(self.now - self._born[s], dtype=np.float64)
 
     def reads(self, s: int, onset: int) -> int:
-        """Tell in how many steps with readings an onset of string `s` has been tried."""
+        """Count the steps with readings since an onset of string `s`."""
         return self._read - int(self._read_before[s, onset])
 
     def resolution(self, age_s: float) -> Floats:
-        """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""
+        """Sd (S, a), W, of the heat of each cell if it began about `age_s` ago."""
         a = self.at.near
         tried = np.s_[:, : max(1, self._tried)]
         row, slot = np.arange(self.at.strings), np.abs(self.now - self._birth[tried] - age_s).argmin(axis=1)

@@ -1,4 +1,4 @@
-"""Rules for strings with one or two thermocouples, where no other cell shows what current and coolant do."""
+"""Rules for strings with one or two thermocouples, where no other cell shows the effect of current and coolant."""
 
 import numpy as np
 
@@ -8,20 +8,20 @@ from bms_gateway.health.heat.finding import Finding
 from bms_gateway.thermal import Floats
 
 LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
-"""Heat and a loss of cooling look alike. Fans and pumps stop more often than cells short: the ln evidence of heat is
-lowered by the third number, unless it is greater than that of a loss by the first factor. The second number is the
-greatest share of the films' conductance that is lost with a fan."""
+"""Heat and a loss of cooling look alike. A fan or pump stops more often than a cell has a short. Therefore the ln
+evidence of heat is lowered by the third number, unless it is greater than that of a loss by the first factor. The
+second number is the greatest share of the films' conductance that is lost with a fan."""
 COOLED = 0.8
 """Share of the greatest gap between surface and coolant since heat was found, below which a cell at rest has cooled."""
 
 
 def hold_films(E: Floats, w: Weighed, e: Evidence, s: int) -> None:
-    """Hold the evidence (H,) of heat and of lost films in string `s` against each other."""
+    """Compare the evidence (H,) of heat and of lost films in string `s`."""
     f = e.of
     heat, flow = e.kinds == Kind.HEAT, int(np.flatnonzero(e.kinds == Kind.FLOW)[0])
     since = int(w.ln[s, :, flow].argmax())
     lost = float(w.amplitude[s, since, flow])
-    rest = lost * float(e.moved(s, since, flow)[f.at.flow])  # not in the numbers yet
+    rest = lost * float(e.moved(s, since, flow)[f.at.flow])  # not yet in the numbers
     if f.calm[s] and rest + float(f.z[s, f.at.flow]) > MOST_STOPPED:
         E[flow] = -np.inf
     elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
@@ -29,9 +29,9 @@ def hold_films(E: Floats, w: Weighed, e: Evidence, s: int) -> None:
 
 
 def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
-    """Tell whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
+    """Return whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
 
-    At rest, a cell that goes on to heat does not cool; the estimate of its heat alone may be wrong by a multiple.
+    A cell at rest that still heats does not cool; the estimate of its heat alone may be wrong by a multiple.
 
     Parameters
     ----------

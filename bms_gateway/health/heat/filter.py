@@ -20,14 +20,16 @@ from bms_gateway.thermal import Floats, Start, StringModel, StringParameters, st
 BIAS_WALK = 0.1
 """K per hour^½: drift of a thermocouple."""
 OWN_FIRST = 0.12
-"""ln: difference of a cell of which nothing has been read yet, in heat and in R_u; it includes the position of its
+"""ln: difference of a cell without readings so far, in heat and in R_u; it includes the position of its
 thermocouple."""
 STOPPED, CALM_RATE = 0.7, 1e-3
 """Share of the films' conductance that is lost when a fan or pump stops; and heat of the current, K/s of a cell's heat
 capacity, below which a string counts as without load. Without load, the reading of the only thermocouple of a string is
 not explained by a greater loss, because less cooling alone makes no surface rise."""
-STILL_K = 2.0
-"""K: gap between casings and coolant of a string at rest, below which its films are not found."""
+STILL_K = 0.4
+"""K: gap between casings and coolant of a string at rest, below which its films are not estimated. Fixed films leave
+traces in the innovations that look like new evidence; above this gap, films are estimated even if the gap says little
+of them."""
 MOST_OWN = 0.5
 """Greatest share by which the film of a single cell differs."""
 OPEN_RATE, OPEN_S = 1e-2, 1200.0
@@ -35,14 +37,18 @@ OPEN_RATE, OPEN_S = 1e-2, 1200.0
 ROUGH_RATE, ROUGH_SHARE = 2e-4, 0.03
 """White heat of each cell in a step of `ROUGH_S`: K/s of its heat capacity, and share of the heat of the current."""
 ROUGH_S = 10.0
+LATE_S, LATE_SHARE, LATE_K = 40.0, 0.7, 0.5
+"""Coolant that changed at the inlet's sensor reaches the cells later, through hoses and plenums: white error of the
+inlet in each step, as a share of how far it is from its mean of so many seconds, weighted exponentially. The offset of
+the inlet covers what is less far than the third number."""
 READING_SD, CASING_SD = 0.05, 0.03
 """K: least noise of a reading; error of the mean of a step that more readings do not reduce (lag, position)."""
 DEAF = 1e8
 """K²: variance of a missing reading."""
 FALL, MOST_FALL = 0.01, 1.0
-"""Share by which R_e falls per kelvin of the core's warming since R_e was told, and greatest change of its ln. Cells
-lose 1 to 3 %; twice as much as this makes cores too cold by 1 to 2.5 K where a cell loses nothing. The covariance does
-not know of it: a core that is unsure is not surer by it. Where the model has effects, they say how R_e falls."""
+"""Relative fall of R_e per kelvin of the core's warming since R_e was identified, and greatest change of its ln. Cells
+have 1 to 3 %; twice this value makes cores 1 to 2.5 K too cold if R_e does not fall. The covariance ignores it: an
+uncertain core does not become more certain. If the model has effects, they determine how R_e falls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +66,7 @@ class Step:
     y, R : ndarray (S, m), °C, K²
         Mean of the readings, and its variance; NaN without a reading.
     when : ndarray (S, m, 2 L + 1)
-        Weights of the ends of the ticks, from the start of the step before on, in that mean; their sum is 1.
+        Weights of the ends of the ticks, from the start of the previous step on, in that mean; their sum is 1.
     """
 
     heat: Floats
@@ -82,22 +88,48 @@ class Linear:
         Derivatives of the temperatures after the step, then of the readings, by all states before it.
     K : ndarray (S, N, m)
     S_inv : ndarray (S, m, m), 1/K²
-    nu : ndarray (S, m), K
-        Reading less prediction; 0 where nothing was read.
+    nu, var : ndarray (S, m), K, K²
+        Reading minus prediction, and its variance; 0 and `DEAF` without a reading.
     coolant, surface, rate : ndarray (S, m), °C, °C, K/s
         At the sensors, after the step.
     mean : ndarray (S, m), °C
-        Surfaces at the sensors in the mean over the readings; like `surface`, before the readings were used.
+        Surfaces at the sensors, averaged over the readings; like `surface`, before the readings were used.
     """
 
     G: Floats
     K: Floats
     S_inv: Floats
     nu: Floats
+    var: Floats
     coolant: Floats
     surface: Floats
     rate: Floats
     mean: Floats
+
+
+@dataclass(slots=True)
+class Coolant:
+    """What the inlet of S strings has done so far.
+
+    Attributes
+    ----------
+    off : ndarray (S,), K
+        Mean of the inlet's offset. A loss of cooling appears as such an offset at first, and the newest offset would
+        reduce the flux by which the loss of cooling shows.
+    moved : ndarray (S,), K
+        Reading of the inlet over its mean of `LATE_S`.
+    """
+
+    off: Floats
+    moved: Floats
+
+    def take(self, off: Floats, change: Floats, dt: float) -> Floats:
+        """Take in a step: offset (S,) and change (S,) of the reading, K; how sure the step's inlet is, K² (S,)."""
+        self.off = self.off + (off - self.off) * (dt / INLET_S)
+        left = float(np.exp(-dt / LATE_S))
+        before, self.moved = self.moved, self.moved * left + change * (LATE_S / dt) * (1.0 - left)
+        far = np.maximum(0.0, (np.square(before) + np.square(self.moved)) / 2.0 - LATE_K**2)
+        return np.asarray(LATE_SHARE**2 * far, dtype=np.float64)
 
 
 class HeatFilter:
@@ -129,7 +161,7 @@ class HeatFilter:
     plain : ndarray of bool (S,)
         The model has no effects.
     told_at : ndarray (S, n), °C
-        Cores when R_e was told; NaN before a string ran.
+        Cores when R_e was identified; NaN before the first step of a string.
     film : ndarray (S,)
         Usual loss of the films' conductance, as a share; NaN before it is known.
     """
@@ -145,11 +177,11 @@ class HeatFilter:
         self.flows = np.ones(S)
         self._start = start_spread(at.cells, Start())
         self.z, self.P = np.zeros((S, at.states)), np.zeros((S, at.states, at.states))
-        self._usual_inlet = np.zeros(S)
+        self._coolant = Coolant(np.zeros(S), np.zeros(S))
         self.open: Bools = np.zeros((S, at.near), np.bool_)
         self._open_sd = np.zeros((S, at.near))
         self.running: Bools = np.zeros(S, np.bool_)
-        self._past: Floats = np.zeros((S, at.sensed, ticks))  # K: casings in the step before, over those at its end
+        self._past: Floats = np.zeros((S, at.sensed, ticks))  # K: casings in the previous step, minus those at its end
         self.plain: Bools = np.array([not m.effects for m in models], np.bool_)
         self.told_at: Floats = np.full((S, at.cells), np.nan)
         self.film: Floats = np.full(S, np.nan)
@@ -168,17 +200,17 @@ class HeatFilter:
         self.open[s], self.running[s] = False, False
 
     def begin(self, s: int, level: float) -> None:
-        """Start the temperatures of string `s` about `level`, °C; the other states stay."""
+        """Start the temperatures of string `s` at about `level`, °C; the other states are kept."""
         T = slice(self.at.nodes)
         self.z[s, T] = level
         self.P[s, T, :], self.P[s, :, T] = 0.0, 0.0
         self.P[s, T, T] = self._start
-        self._past[s] = 0.0
+        self._past[s], self._coolant.moved[s] = 0.0, 0.0
         self.told_at[s] = np.where(np.isnan(self.told_at[s]), level, self.told_at[s])
         self.running[s] = True
 
     def stride(self, dt: float) -> None:
-        """Make steps of `dt` seconds from now on."""
+        """Use steps of `dt` seconds from now on."""
         if dt == self.dt:
             return
         self._strides[self.dt], self._past[:] = self.balances, 0.0
@@ -188,7 +220,7 @@ class HeatFilter:
         self.dt, self.balances, self.decay = dt, self._strides[dt], np.exp(-dt / self.usual.lasts_s)
 
     def made(self) -> tuple[Floats, Floats]:
-        """Heat of each string (S,) over that which its current makes by the model, and the variance of this ratio."""
+        """Heat of each string (S,) over the heat of its current by the model, and the variance of this ratio."""
         n = [self.at.load, self.at.brisk]
         return 1.0 + self.z[:, n].sum(axis=1), self.P[:, n][:, :, n].sum(axis=(1, 2))
 
@@ -197,7 +229,7 @@ class HeatFilter:
         return self._strings[s]
 
     def set_parameters(self, s: int, p: StringParameters) -> None:
-        """Use other numbers for string `s`; the states that describe departures from the old numbers are converted."""
+        """Use other numbers for string `s`; the states that describe differences from the old numbers are converted."""
         old, at = self._strings[s], self.at
         if self.running[s] and (p.R_e != old.R_e).any():
             self.z[s, at.load] = (1.0 + self.z[s, at.load]) * float(np.mean(self.falls[s])) - 1.0
@@ -222,7 +254,7 @@ class HeatFilter:
 
     @property
     def falls(self) -> Floats:
-        """R_e of each cell (S, n) over that which was told: it falls as the core warms."""
+        """R_e of each cell (S, n) over the identified one: it falls as the core warms."""
         warmed = np.nan_to_num(self.z[:, 0 : self.at.nodes : 2] - self.told_at)
         ln = np.clip(-FALL * warmed, -MOST_FALL, MOST_FALL)
         return np.asarray(np.exp(np.where(self.plain[:, None], ln, 0.0)), dtype=np.float64)
@@ -232,27 +264,25 @@ class HeatFilter:
         at, b, z = self.at, self.balances, self.z
         N = at.nodes
         self.before = z[:, at.common].copy()
-        # a mean of the inlet's offset: at first a loss of cooling appears as such an offset, and the newest offset
-        # would reduce the flux by which the loss of cooling shows
-        self._usual_inlet += (z[:, at.inlet] - self._usual_inlet) * (self.dt / INLET_S)
+        late = self._coolant.take(z[:, at.inlet], m.inlet1 - m.inlet0, self.dt)
         heated, q = b.heated(m.heat), m.heat.mean(axis=0)
         row = np.arange(at.strings)[:, None]
-        # what was read before the step was read at its start, but for how the casings have moved since
+        # an older reading counts as read at the step's start, corrected by the casings' change since
         when = m.when[:, :, b.ticks :].copy()
         when[:, :, 0] += m.when[:, :, : b.ticks].sum(axis=2)
         both = Response(np.concatenate((b.end.of, np.matmul(when[:, :, None, :], b.at.of)[:, :, 0]), axis=1))
         heated_at = heated[:, row, 2 * at.sensors + 1].transpose(1, 2, 0)
         heated_both = np.concatenate((heated[-1], (heated_at * when).sum(axis=2)), axis=1)
         casings = b.mean.free(z[:, :N], m.inlet0, m.inlet1) + np.tensordot(even(b.ticks), heated[:, :, 1::2], 1)
-        gap = casings - b.coolant(casings, (m.inlet0 + m.inlet1) / 2.0 + self._usual_inlet)
+        gap = casings - b.coolant(casings, (m.inlet0 + m.inlet1) / 2.0 + self._coolant.off)
         by = Unknown.of(b, at, z, q, gap, m.current, self.film)
         X, moved = coupling(both, at, z, by, heated_both)
         T = both.free(z[:, :N], m.inlet0, m.inlet1) + heated_both + moved
         z1, mean = np.concatenate((T[:, :N], z[:, N:] * self.decay), axis=1), T[:, N:]
         self.calm = np.asarray((q < CALM_RATE * b.C).all(axis=1), np.bool_)
-        # Linearised about films as identified: if what a lost film keeps grew with the gap here, each new value of the
-        # loss would tell apart a film from an offset of the inlet that no reading tells apart, and the loss of the
-        # films would seem sure and stray (Huang et al., 2008)
+        # Linearised about the identified films. If the heat kept by a lost film grew with the gap here, each new value
+        # of the loss would distinguish a film from an offset of the inlet although no reading does, and the loss of the
+        # films would be falsely certain and drift (Huang et al., 2008).
         G = np.concatenate((both.Phi, X), axis=2)
         k = np.arange(at.sensed)
         G[:, N + k, at.bias.start + k] = 1.0
@@ -263,39 +293,44 @@ class HeatFilter:
         inputs = np.concatenate((z[:, :N], np.zeros_like(z[:, :N]), m.inlet0[:, None], m.inlet1[:, None]), axis=1)
         path = np.matmul(b.at.of, inputs[:, None, :, None])[:, :, :, 0] + heated_at
         self._past = path[:, :, :-1] - path[:, :, -1:]
-        P, PHt, S = self._spread(G, both.core, q)
+        P, PHt, S = self._spread(G, both, q, late)
         S[:, k, k] += np.where(there, m.R, DEAF)
         S_inv = np.asarray(np.linalg.inv(S), dtype=np.float64)
         K = np.matmul(PHt, S_inv)
         # one or two thermocouples cannot separate a cell's heat from common changes: these are held meanwhile
         held = np.flatnonzero(self.usual.alone & self.open.any(axis=1))
         K[held, at.common] = 0.0
-        # without current and without a gap, a film says nothing, and would only make room for the heat of one cell
-        still = np.flatnonzero(self.calm & (np.abs(gap) < STILL_K).all(axis=1))
+        # Without current, films show only by a gap that the coolant has made. Without such a gap the readings do not
+        # contain their values, and a gap from the heat of one cell does not show how large that heat is: the films
+        # would absorb a part of it.
+        still = np.flatnonzero(self.calm & ((np.abs(gap) < STILL_K).all(axis=1) | self.open.any(axis=1)))
         K[still, at.flow] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
         most = np.where(self.usual.alone & self.calm, STOPPED, MOST_LOSS)
         self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, most)
         self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
         less = np.matmul(K, PHt.transpose(0, 2, 1))
-        # the variance of what is held stays, as in a Schmidt-Kalman filter
+        # the variance of a fixed state is kept, as in a Schmidt-Kalman filter
         less[held, at.common] = less[held, :, at.common].transpose(0, 2, 1)
         less[still, at.flow] = less[still, :, at.flow]
         P -= less
         self.P = (P + P.transpose(0, 2, 1)) / 2.0
         coolant = b.coolant(z1[:, 1:N:2], m.inlet1 + z1[:, at.inlet])[row, at.sensors]
         rate = np.asarray((after - before) / self.dt, dtype=np.float64)
-        return Linear(G, K, S_inv, nu, coolant, after, rate, mean + earlier)
+        return Linear(G, K, S_inv, nu, S[:, k, k], coolant, after, rate, mean + earlier)
 
-    def _spread(self, G: Floats, core: Floats, heat: Floats) -> tuple[Floats, Floats, Floats]:
+    def _spread(self, G: Floats, r: Response, heat: Floats, late: Floats) -> tuple[Floats, Floats, Floats]:
         """Covariances after a step, before its readings are used: of the states, with the readings, of the readings.
 
-        Rough heat in the step's cores moves its end and its readings alike, by `core` (S, 2n + m, n).
+        Rough heat in the step's cores, and an inlet that the cells feel late, move its end and its readings alike, by
+        `r`: 2n + m temperatures.
         """
         at, N, P, decay = self.at, self.at.nodes, self.P, self.decay
         rough = (np.square(ROUGH_RATE * self.balances.C) + np.square(ROUGH_SHARE * heat)) * (ROUGH_S / self.dt)
         GP = np.matmul(G, P)
-        moved = np.matmul(GP, G.transpose(0, 2, 1)) + np.matmul(core * rough[:, None, :], core.transpose(0, 2, 1))
+        by = np.concatenate((r.core, r.inlet.sum(axis=-1, keepdims=True)), axis=2)
+        white = by * np.concatenate((rough, late[:, None]), axis=1)[:, None, :]
+        moved = np.matmul(GP, G.transpose(0, 2, 1)) + np.matmul(white, by.transpose(0, 2, 1))
         beside = GP[:, :, N:] * decay
         out, with_read = np.empty_like(P), np.empty((at.strings, at.states, at.sensed))
         out[:, :N, :N], with_read[:, :N] = moved[:, :N, :N], moved[:, :N, N:]
@@ -317,13 +352,13 @@ class HeatFilter:
         self.P[s] += var * np.outer(along, along)
 
     def open_heat(self, s: int, k: int, watts: float) -> None:
-        """Allow heat of its own in the `k`-th of the observed cells from now on."""
+        """Allow unexplained heat in the `k`-th observed cell from now on."""
         self.open[s, k] = True
         held = abs(float(self.z[s, self.at.heat.start + k]))  # heat that may be in several cells is stored for each
         self._open_sd[s, k] = max(OPEN_RATE * self.usual.C[s, k], 0.5 * abs(watts), 0.5 * held)
 
     def close_heat(self, s: int, k: int) -> None:
-        """Treat the `k`-th of the observed cells as sound again."""
+        """Treat the `k`-th observed cell as sound again."""
         self.open[s, k] = False
         at, h = self.at, self.at.heat.start + k
         ratio = min(1.0, self.usual.sd[s, h] / float(np.sqrt(self.P[s, h, h])))

@@ -22,7 +22,7 @@ class Finding:
     heat, heat_sd : float
         W, sum over all cells in which it may be; NaN for other faults than heat.
     warmest : float
-        K, the greatest gap between its surface and the coolant since heat was found.
+        K, the greatest gap between the cell's surface and the coolant since heat was found.
     sure : float
         Probability of this cause when the finding was reported.
     """

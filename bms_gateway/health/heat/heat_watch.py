@@ -1,7 +1,7 @@
-"""The watch over unexplained heat of strings of equal length: gathers ticks to steps, filters, weighs, tells.
+"""The watch over unexplained heat of strings of equal length: collects ticks to steps, filters, judges and reports.
 
-Ticks of a second are gathered to steps of ten: what heat does takes longer, and the filter's covariance is most of the
-work. All strings of a group step together, counted in ticks, so that the result does not depend on how frames came.
+Ticks of a second are collected to steps of ten: heat acts more slowly, and the filter's covariance is most of the work.
+All strings of a group step together, counted in ticks, so that the result does not depend on the batches of frames.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
-from bms_gateway.health.heat.fault_evidence import LATE_S, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import LATE_S, ONE_FAULT_S, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
@@ -26,32 +26,32 @@ from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
 SETTLE_S = 300.0
-"""After a start the filter finds the state first; nothing is weighed before."""
+"""s after a start in which nothing is judged: the filter first finds the state."""
 SEEN_S = 180.0
-"""Heat that began so long ago is what the told sd is for."""
-APART = 0.02  # ln: cells whose resistances are told to differ by more settle anew
-NEWS = 0.15  # ln: resistances that are told anew by more say that they were not known
+"""Age, s, of the heat for which the reported sd holds."""
+APART = 0.02  # ln: cells whose identified resistances differ by more must find their state anew
+NEWS = 0.15  # ln: a greater change of identified resistances shows that they were not known
 AT_CASING, AT_CASING_BESIDE = 0.5, 1.0
-"""Share of its rise over R_c by which a core that heats by itself is unsure, as fires and heaters heat a cell from
-outside. The second is of cells that warm beside one with more heat."""
+"""Sd of the core of a cell with unexplained heat, as a share of its rise over R_c, because fires and heaters heat a
+cell from outside. The second number is for cells that warm beside one with more heat."""
 COOLS_K_S = 0.003
-"""Rate at which a thermocouple of a string at rest falls: its cell still loses the heat of the drive."""
-FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
+"""Rate at which a thermocouple of a string at rest falls while its cell still loses the heat of the drive."""
+FLOW_GRID = 0.1  # ln: a smaller change of the flow is ignored
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What is known of heat that no current makes, for S strings of n cells.
+    """Results on heat that no current makes, for S strings of n cells.
 
     Attributes
     ----------
     heat, heat_sd : ndarray (S, n), W
-        NaN for cells of which no sensor tells.
+        NaN for cells that no sensor observes.
     core, core_sd : ndarray (S, n), °C, K
-        Cores where a cell is believed to heat, and their sd; where another fault is believed or suspected NaN, and what
-        it would change; else NaN.
+        Cores of cells with accepted heat, and their sd. Where another fault is accepted or suspected: NaN, and the
+        change by this fault; elsewhere NaN.
     some : bool
-        Whether there is any such.
+        Whether any of them is a number.
     """
 
     heat: Floats
@@ -62,44 +62,44 @@ class Told:
 
 
 def step_of(dt: float) -> float:
-    """Length of a step of the watch, s: of so many ticks of `dt` seconds that it is about `STEP_S`."""
+    """Length of a step of the watch, s: the multiple of `dt` seconds nearest to `STEP_S`."""
     return max(1, round(STEP_S / dt)) * dt
 
 
 class Share(Protocol):
-    """What effects of a string's model do to its thermocouples; see `EffectShare`."""
+    """Influence of the effects of a string's model on its thermocouples; see `EffectShare`."""
 
     def begin(self, level: float) -> None:
-        """Begin with all temperatures at `level`, °C."""
+        """Start with all temperatures at `level`, °C."""
         ...
 
     def pause(self) -> None:
-        """Begin anew after a time without frames."""
+        """Start again after a time without frames."""
         ...
 
     def course(self, ticks: int) -> Floats:
-        """How much more (2 ticks + 1, n), K, thermocouples read with the effects: at the ends of the ticks.
+        """Influence (2 ticks + 1, n), K, of the effects on the thermocouples at the ends of the ticks.
 
-        The step that ends now consists of so many ticks; those of the step before come first.
+        The step that ends now has `ticks` ticks; those of the previous step come first.
         """
         ...
 
 
 class HeatTick(NamedTuple):
-    """One tick of S strings of n cells, as the watch takes it.
+    """One tick of S strings of n cells, as input of the watch.
 
     Attributes
     ----------
     square : ndarray (S,), A²
-        Mean square of the current; NaN where not known.
+        Mean square of the current; NaN if unknown.
     heat : ndarray (S, n), W, or None
-        Where it is known otherwise, as from the voltage; NaN for I²R_e.
+        Heat known otherwise, as from the voltage; NaN for I²R_e.
     current, inlet : ndarray (S,), A, °C
-        NaN where not known.
+        NaN if unknown.
     y, age : ndarray (S, n), °C, s
-        New readings, NaN for none, and how old they are.
+        New readings, NaN for none, and their age.
     flow : ndarray (S,), optional
-        Over nominal.
+        Over nominal flow.
     """
 
     square: Floats
@@ -109,6 +109,48 @@ class HeatTick(NamedTuple):
     y: Floats
     age: Floats
     flow: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Steps of the filter in ticks.
+
+    Attributes
+    ----------
+    tick_s : float
+    ticks : int
+        Number of ticks in a step.
+    merged : ndarray (L, ticks)
+        Means over the L intervals of a step.
+    """
+
+    tick_s: float
+    ticks: int
+    merged: Floats
+
+    @classmethod
+    def of(cls, tick_s: float) -> "_Grid":
+        ticks = round(step_of(tick_s) / tick_s)
+        return cls(tick_s, ticks, merged(ticks))
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The newest step of S strings.
+
+    Attributes
+    ----------
+    used : ndarray of bool (S, m)
+        Thermocouples whose readings were used.
+    gaps : ndarray (S, m), K
+        Surface over coolant.
+    cools : ndarray of bool (S,)
+        All thermocouples fall although little heat is made.
+    """
+
+    used: Bools
+    gaps: Floats
+    cools: Bools
 
 
 class HeatWatch:
@@ -121,9 +163,9 @@ class HeatWatch:
     dt : float, s
         Period of a tick.
     constant_inlet : sequence of bool
-        Whose inlet is a constant of the configuration.
+        Strings whose inlet is a constant of the configuration.
     shares : sequence of Share
-        Of each string, where their models have effects; none by default.
+        Of each string, if the models have effects; none by default.
     """
 
     def __init__(
@@ -133,10 +175,8 @@ class HeatWatch:
         constant_inlet: Sequence[bool] = (),
         shares: Sequence[Share] = (),
     ) -> None:
-        self._tick_s, self._shares = dt, shares
-        self._ticks = round(step_of(dt) / dt)
-        self._merged = merged(self._ticks)
-        self.filter = HeatFilter(models, self._ticks * dt, len(self._merged))
+        self._grid, self._shares = _Grid.of(dt), shares
+        self.filter = HeatFilter(models, self._grid.ticks * dt, len(self._grid.merged))
         self.evidence = Evidence(self.filter)
         S, m = len(models), self.filter.at.sensed
         fixed = tuple(constant_inlet) or (False,) * S
@@ -147,24 +187,21 @@ class HeatWatch:
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
-        self._blind, self._cools, self._used = np.zeros(S, np.bool_), np.zeros(S, np.bool_), np.ones((S, m), np.bool_)
-        self._gaps = np.zeros((S, m))
-        self._clear()
+        self._blind = np.zeros(S, np.bool_)
+        self._seen = _Seen(np.ones((S, m), np.bool_), np.zeros((S, m)), np.zeros(S, np.bool_))
+        self._ticked: list[HeatTick] = []
         nothing = np.full((S, self.filter.at.cells), np.nan)
         self._first = self.filter.z.copy(), self.filter.P.copy()
         self._nothing = Told(nothing, nothing, nothing, nothing, some=False)
         self.told = self._nothing
 
-    def _clear(self) -> None:
-        self._ticked: list[HeatTick] = []
-
     def cores(self, core: Floats, sd: Floats) -> tuple[Floats, Floats]:
-        """Cores (S, n), °C, and their sd, K: this watch's where heat is believed, else those given.
+        """Cores (S, n), °C, and their sd, K: those of this watch where heat is accepted, else the given ones.
 
-        Where another fault is believed or suspected, the cores given are uncertain by what it would change.
+        If another fault is accepted or suspected, its possible change is added to the sd of the given cores.
 
-        What the observer does not know of its numbers is not known here either; a core further above its surface than
-        the observer thinks is off by as much more.
+        The observer's uncertainty of its numbers applies here too. If a core is further above its surface than in the
+        observer's estimate, its sd grows in proportion.
         """
         told = self.told
         if not told.some:
@@ -173,62 +210,62 @@ class HeatWatch:
         return np.where(np.isfinite(told.core), told.core, core), np.where(here, np.hypot(sd, told.core_sd), sd)
 
     def set_parameters(self, s: int, p: StringParameters) -> None:
-        """Take identified numbers of string `s` into use; where they are news the state is found anew."""
+        """Use identified numbers of string `s`; if they have changed much, the state is found anew."""
         before = self.filter.parameters(s)
         R_e, R_u = np.log(p.R_e / before.R_e), np.log(p.R_u / before.R_u)
         try:
             self.filter.set_parameters(s, p)
-        except ConfigError:  # no coolant node at this flow: the numbers of before serve
+        except ConfigError:  # this flow has no valid coolant model: keep the earlier numbers
             return
         if float(np.ptp(R_e)) > APART or max(abs(float(R_e.mean())), abs(float(R_u.mean()))) > NEWS:
             self._age[s] = 0.0
             self.evidence.forget(s)
 
     def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
-        """Pass over a time without frames: strings at rest go on through it, others begin anew.
+        """Pass over a time without frames: strings at rest continue, others start again.
 
-        What is known of cells and sensors stays, and what was found.
+        Knowledge of cells and sensors, and findings, are kept.
 
         Parameters
         ----------
         gap_s : float or None
-            None where nobody knows how long.
+            None if the length is unknown.
         unseen : bool
-            The gateway was off, a current may have flowed: what rest does not explain begins anew.
+            The gateway was off and a current may have flowed: a string starts again unless rest explains its readings.
         """
         rest = self._rest
         if gap_s is None or self._shares:
             rest.resting[:] = False
         else:
-            rest.sleep(gap_s, len(self._ticked) * self._tick_s)
+            rest.sleep(gap_s, len(self._ticked) * self._grid.tick_s)
         self.filter.running &= rest.resting & ~(self.filter.usual.alone & unseen)
         for share in self._shares:
             share.pause()
-        self._clear()
+        self._ticked = []
         self.told = self._nothing
         self._sensors.pause()
 
     def add(self, now_ns: int, tick: HeatTick) -> list[tuple[int, Finding]] | None:
-        """Take in a tick; none of its arrays may change afterwards.
+        """Include a tick; none of its arrays may change afterwards.
 
         Returns
         -------
         list of (int, Finding) or None
-            By string: what has come or is over. None where the step goes on.
+            By string: findings that are new or have ended. None within a step.
         """
-        square, current = self._rest.take(tick.square, tick.current, self._least_square, tick.y, self._tick_s)
+        square, current = self._rest.take(tick.square, tick.current, self._least_square, tick.y, self._grid.tick_s)
         self._heard_inlet = np.where(np.isfinite(tick.inlet), tick.inlet, self._heard_inlet)
         self._ticked.append(tick._replace(square=square, current=current))
-        return self._step(now_ns, self._heard_inlet, tick.flow) if len(self._ticked) >= self._ticks else None
+        return self._step(now_ns, self._heard_inlet, tick.flow) if len(self._ticked) >= self._grid.ticks else None
 
     @property
     def _least_square(self) -> Floats:
-        """Mean square of the current (S,), A², below which nothing flows."""
+        """Mean square of the current (S,), A², below which no current flows."""
         b = self.filter.balances
         return np.asarray((REST_RATE * b.C / b.R_e).min(axis=1), dtype=np.float64)
 
     def _heats(self) -> tuple[Floats, Floats, Any]:
-        """Heat of the ticks (L, S, n), W, and mean current (S,), A; which strings (S,) had ticks without either."""
+        """Heat of the ticks (L, S, n), W, and mean current (S,), A; which strings (S,) had ticks without both."""
         square = np.stack([t.square for t in self._ticked])
         heat = square[:, :, None] * (self.filter.balances.R_e * self.filter.falls)
         if any(t.heat is not None for t in self._ticked):
@@ -236,7 +273,7 @@ class HeatWatch:
             heat = np.where(np.isnan(given), heat, given)
         known = np.isfinite(heat)
         current = np.stack([t.current for t in self._ticked])
-        heat = np.tensordot(self._merged, np.where(known, heat, 0.0), 1)
+        heat = np.tensordot(self._grid.merged, np.where(known, heat, 0.0), 1)
         return heat, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
 
     def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
@@ -245,10 +282,10 @@ class HeatWatch:
         read = np.stack([t.y for t in self._ticked])[sensors]
         ages = np.stack([t.age for t in self._ticked])[sensors]
         (y, R), (heat, current, unknown) = self._sensors.take(read), self._heats()
-        when = weights(read, ages, self._tick_s, len(self._merged))
-        self._clear()
+        when = weights(read, ages, self._grid.tick_s, len(self._grid.merged))
+        self._ticked = []
         for place, share in enumerate(self._shares):
-            y[place] -= (when[place] * share.course(len(self._merged)).T[f.at.sensors[place]]).sum(axis=1)
+            y[place] -= (when[place] * share.course(len(self._grid.merged)).T[f.at.sensors[place]]).sum(axis=1)
         inlet1 = np.where(np.isfinite(inlet), inlet, self._inlet)
         usable: Bools = np.asarray(np.isfinite(y).any(axis=1), np.bool_)
         if self._rest.slept_s and usable.any():
@@ -272,7 +309,7 @@ class HeatWatch:
                 grown = abs(float(np.log(ratio / f.flows[s])))
                 try:
                     f.set_flow(int(s), ratio)
-                except ConfigError:  # no coolant node at so small a flow: the flow of before serves
+                except ConfigError:  # so small a flow has no valid coolant model: keep the earlier flow
                     continue
                 f.P[s, f.at.flow, f.at.flow] += (0.5 * grown) ** 2
         inlet1 = np.where(np.isfinite(inlet1), inlet1, 25.0)
@@ -282,11 +319,11 @@ class HeatWatch:
         aside = np.stack([v.aside for v in self.verdicts])
         self.course.compare(f, f.at.fitted & ~aside, np.stack([v.jumped for v in self.verdicts]))
         use = np.where(heard[:, None] & ~aside, y, np.nan)
-        self._used = np.isfinite(use)
+        used = np.isfinite(use)
         f.film = self.course.film
         x = f.step(Step(heat, current, inlet0, inlet1, use, R, when))
-        self._gaps = x.surface - x.coolant
-        self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
+        cools = f.calm & (np.where(used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
+        self._seen = _Seen(used, x.surface - x.coolant, np.asarray(cools, np.bool_))
         self._mend()
         if aside.any():
             self._beside(x, y, R)
@@ -295,16 +332,21 @@ class HeatWatch:
         w = self.evidence.weigh()
         found = self._look(w, heat.mean(axis=0), inlet1, heard, usable, now_ns)
         self.told = self._tell(w)
+        quiet = heard & (self._age >= SETTLE_S) & np.array([not (v.suspects or v.findings) for v in self.verdicts])
+        self._sensors.learn(x.nu, x.var, used & quiet[:, None], f.calm, f.dt)
         return found
 
     def _wake(self, inlet: Floats, y: Floats, now_ns: int) -> None:
-        """Go through a sleep that ends with an inlet (S,) and readings (S, m); begin anew where that was no rest."""
+        """Go through a sleep that ends with an inlet (S,) and readings (S, m); restart strings that did not rest."""
         f, at, rest = self.filter, self.filter.at, self._rest
         before, after = (np.where(np.isfinite(a), a, b) for a, b in ((self._inlet, inlet), (inlet, self._inlet)))
         before, after = np.nan_to_num(before, nan=25.0), np.nan_to_num(after, nan=25.0)
         S, nothing = at.strings, np.full((at.strings, at.sensed), np.nan)
         zero, whole, passed = np.zeros(S), min(rest.slept_s, LONGEST_S), 0.0
-        none, at_end = np.zeros((len(self._merged), S, at.cells)), np.zeros((*nothing.shape, 2 * len(self._merged) + 1))
+        none, at_end = (
+            np.zeros((len(self._grid.merged), S, at.cells)),
+            np.zeros((*nothing.shape, 2 * len(self._grid.merged) + 1)),
+        )
         at_end[..., -1] = 1.0
         for h in strides(rest.slept_s):
             f.stride(h)
@@ -313,20 +355,20 @@ class HeatWatch:
             self.evidence.take(x, read=False)
             self._mend()
             passed += h
-        f.stride(self._ticks * self._tick_s)
+        f.stride(self._grid.ticks * self._grid.tick_s)
         self._age += whole
         self._inlet = np.where(np.isfinite(self._inlet), after, self._inlet)
         self.course.sleep(rest.slept_s)
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
-        calm = np.array([not v.suspects for v in self.verdicts])  # what strays by a fault is what tells of it
+        calm = np.array([not v.suspects for v in self.verdicts])  # deviations by a fault are evidence
         f.running &= ~(strayed & ~f.usual.alone & calm) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
 
     def _mend(self) -> None:
-        """Begin anew with strings whose numbers rounding has spoilt, as readings of a fire can."""
+        """Start strings again whose numbers are no longer valid by rounding, as the readings of a fire can cause."""
         f = self.filter
         sound = np.isfinite(f.z).all(axis=1) & np.isfinite(f.P).all(axis=(1, 2))
         sound &= (np.einsum("skk->sk", f.P) >= 0.0).all(axis=1)
@@ -336,7 +378,7 @@ class HeatWatch:
             self.evidence.forget(s)
 
     def _beside(self, x: Linear, y: Floats, R: Floats) -> None:
-        """Hold the thermocouples that are not used against what they should read."""
+        """Compare the thermocouples that are not used with their predictions."""
         f, at = self.filter, self.filter.at
         row = self._row
         k = 2 * at.sensors + 1
@@ -363,14 +405,14 @@ class HeatWatch:
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
         sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
-        usual = w.ln[:, :, self.evidence.kinds != Kind.SLOPE].max(axis=(1, 2))  # what drifts for hours becomes no usual
+        usual = self.evidence.usual(w, self._age > ONE_FAULT_S)
         learnt = np.clip(usual, 0.0, SURE) - self.course.ln
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
-            v.read, v.gaps, v.cools = self._used[v.s], self._gaps[v.s], bool(self._cools[v.s])
+            v.read, v.gaps, v.cools = self._seen.used[v.s], self._seen.gaps[v.s], bool(self._seen.cools[v.s])
             if not heard[v.s] or new[v.s] or not read[v.s]:
-                continue  # what nobody reads is neither found nor over
+                continue  # without a reading, a finding neither begins nor ends
             if of_note[v.s] or v.findings:
                 found += [(v.s, f) for f in v.look(w, now_ns)]
             else:
@@ -423,7 +465,7 @@ class HeatWatch:
         return Told(heat, sd, core, core_sd, some)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what a restart takes up, as numbers, words and lists; see `kept`."""
+        """Return the state for a restart, as numbers, words and lists; see `kept`."""
         resting = self._rest.resting & self.filter.running & (not self._shares)
         return {
             **kept.numbers(self.filter),
@@ -437,18 +479,18 @@ class HeatWatch:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a snapshot of strings like these; a time without frames may follow (`pass_time`).
+        """Continue from a snapshot of strings like these; a time without frames may follow (`pass_time`).
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none, or of other strings.
+            `state` is not such a snapshot, or belongs to other strings.
         """
         kept.take_numbers(self.filter, state)
         self._now_ns = int(state.get("now_ns", 0))
         if "readings" in state:
             self._sensors.restore(state["readings"])
-        nothing = [None] * len(self.verdicts)  # older states have none
+        nothing = [None] * len(self.verdicts)  # states of older versions have none
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
             if rest is not None and not self._shares:
                 self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)

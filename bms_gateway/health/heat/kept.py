@@ -1,7 +1,7 @@
-"""What a restart takes up of the watch over heat: what is known of cells and sensors, strings at rest, heat found.
+"""Stored state of the watch over heat: knowledge of cells and sensors, strings at rest, heat that was found.
 
-A string at rest goes on after a restart as it does after a sleep, so its whole state is kept. Temperatures of a string
-that is driven are worth nothing a minute later, so only what is known beside them is kept.
+A string at rest continues after a restart as after a sleep, so its whole state is stored. Temperatures of a driven
+string are useless a minute later, so only the other numbers are stored.
 """
 
 from base64 import b64decode, b64encode
@@ -18,11 +18,11 @@ from bms_gateway.thermal import Floats
 
 LEAST_VAR = 1e-12
 MOST_C = 1e3  # °C of a temperature
-SLACK = 1e-3  # of a correlation, for what rounding to 32 bit does
+SLACK = 1e-3  # of a correlation, for rounding to 32 bit
 
 
 def numbers(f: HeatFilter) -> dict[str, Any]:
-    """Give what is known beside the temperatures."""
+    """Return the numbers other than the temperatures."""
     N = f.at.nodes
     told_at = [[x if np.isfinite(x) else None for x in row] for row in f.told_at.tolist()]
     return {
@@ -33,19 +33,19 @@ def numbers(f: HeatFilter) -> dict[str, Any]:
 
 
 def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
-    """Take up numbers.
+    """Restore the numbers.
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        They are none, or of other strings.
+        `state` is not such a snapshot, or belongs to other strings.
     """
     at = f.at
     z, var = np.array(state["numbers"], np.float64), np.array(state["variances"], np.float64)
     shape = at.strings, at.states - at.nodes
     if z.shape != shape or var.shape != shape or not (np.isfinite(z).all() and np.isfinite(var).all()):
         raise ValueError("heat: not of these strings")
-    told_at = np.array(state.get("told_at", f.told_at), np.float64)  # older states have none; None is NaN
+    told_at = np.array(state.get("told_at", f.told_at), np.float64)  # states of older versions have none; None is NaN
     if told_at.shape != f.told_at.shape or np.isinf(told_at).any() or (np.abs(told_at) > MOST_C).any():
         raise ValueError("heat: not of these strings")
     f.told_at = told_at
@@ -56,7 +56,7 @@ def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
 
 
 def at_rest(f: HeatFilter, s: int, age_s: float, inlet: float) -> dict[str, Any]:
-    """Give the whole state of a string at rest: its covariance as a lower triangle in 32 bit."""
+    """Return the whole state of a string at rest: its covariance as a lower triangle in 32 bit."""
     triangle = f.P[s][np.tril_indices(f.at.states)].astype("<f4")
     return {
         "temperatures": f.z[s, : f.at.nodes].tolist(),
@@ -67,12 +67,12 @@ def at_rest(f: HeatFilter, s: int, age_s: float, inlet: float) -> dict[str, Any]
 
 
 def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, float]:
-    """Take up the state of a string at rest; how long it ran, s, and its inlet, °C.
+    """Restore the state of a string at rest; return its running time, s, and its inlet, °C.
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        It is none, or of another string.
+        The stored values are not such a snapshot, or belong to another string.
     """
     at, N = f.at, f.at.states
     T = np.array(state["temperatures"], np.float64)
@@ -92,7 +92,7 @@ def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, f
 
 
 def found(v: Verdict) -> list[dict[str, Any]]:
-    """Give the heat that was found: a restart must not end an alarm."""
+    """Return the heat that was found: a restart must not end an alarm."""
     return [
         {
             "place": g.place,
@@ -108,12 +108,12 @@ def found(v: Verdict) -> list[dict[str, Any]]:
 
 
 def take_found(v: Verdict, stored: Sequence[Mapping[str, Any]], now_ns: int) -> None:
-    """Take up heat that was found.
+    """Restore heat that was found.
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        It is none, or of another string.
+        The stored values are not such a snapshot, or belong to another string.
     """
     at = v.of.at
     for x in stored:

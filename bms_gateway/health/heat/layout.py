@@ -104,7 +104,7 @@ class Layout:
 
     @cached_property
     def common(self) -> slice:
-        """Places of what is common to all cells."""
+        """Places of the states common to all cells."""
         return slice(self.nodes, self.nodes + COMMON)
 
     @cached_property

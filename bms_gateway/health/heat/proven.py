@@ -1,26 +1,29 @@
-"""Which heat no error of a thermocouple explains, which may be one, and whether a thermocouple still tells of heat."""
+"""Which heat no error of a thermocouple explains, which may be such an error, and which thermocouples can show heat."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from bms_gateway.health.heat.fault_evidence import OLDEST_READ, Evidence, Kind, Weighed
-from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, SLOPE_S, Evidence, Kind, Weighed
+from bms_gateway.health.heat.filter import OWN_FIRST, HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 
 LITTLE_JUMP, LITTLE_S = 1.0, 180.0
-"""K, s: a thermocouple that comes off while its cell warms seems to jump downwards, again and again, and then to show
-heat. A downward jump of less than the first number is believed after the second."""
+"""K, s: a thermocouple that comes off while its cell warms seems to jump downwards repeatedly, and then to show heat. A
+smaller downward jump than the first number is accepted only after the second."""
+LEAST_DRIFT = 0.5
+"""K: a smaller drift cannot be distinguished from thermocouples of class 1 that never drifted."""
 UNTOLD = 3.0
 """ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
 the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
 PROVEN_K = 4.0
-"""A cell with heat whose surface is so far above the median of its string's surfaces heats, whatever sensors do."""
+"""K: a cell with heat whose surface is so far above the median of its string does heat, for any fault of the
+sensors."""
 
 
 def proven(f: HeatFilter, s: int, heats: Sequence[Finding]) -> bool:
-    """Tell whether heat that was found in string `s` is proven by a surface far above the others."""
+    """Return whether heat that was found in string `s` is proven by a surface far above the others."""
     at, T_s = f.at, f.z[s, 1 : f.at.nodes : 2]
     sensed = at.sensors[s, at.fitted[s]]
     hot = np.intersect1d([at.told[s, j] for g in heats for j in g.places], sensed)
@@ -28,20 +31,26 @@ def proven(f: HeatFilter, s: int, heats: Sequence[Finding]) -> bool:
 
 
 def may_be_else(e: Evidence, s: int, w: Weighed, onset: int, fault: int, *, poor: bool) -> bool:
-    """Tell whether a fault of a thermocouple in string `s` may be something else.
+    """Return whether a fault of a thermocouple in string `s` may be something else.
 
-    A jump may be the lag of one that came off a moment ago. A drift or a lag may be what a `poor` model lacks.
+    A jump may be the lag of a thermocouple that has just come off. A drift or a lag may be a defect of a `poor` model,
+    a small drift the difference of thermocouples, and a small share of the coolant the difference of a `poor` model's
+    cells.
     """
-    if e.kinds[fault] != Kind.JUMP:
-        return poor and e.kinds[fault] in (Kind.SLOPE, Kind.LAG)
-    little = -LITTLE_JUMP < float(w.amplitude[s, onset, fault]) < 0.0
-    return bool(little and e.ages(s)[onset] < LITTLE_S)
+    kind, amplitude, age = e.kinds[fault], float(w.amplitude[s, onset, fault]), float(e.ages(s)[onset])
+    if kind == Kind.SLOPE:
+        return poor or age < SLOPE_S or abs(amplitude) * age / 3600.0 < LEAST_DRIFT
+    if kind == Kind.LOOSE:
+        return poor and amplitude < OWN_FIRST
+    if kind == Kind.JUMP:
+        return -LITTLE_JUMP < amplitude < 0.0 and age < LITTLE_S
+    return poor and kind == Kind.LAG
 
 
 def may_be_heat(
     e: Evidence, s: int, w: Weighed, onset: int, fault: int, heat: tuple[bool, float], *, slept: bool
 ) -> bool:
-    """Tell whether a thermocouple that reads too much since an onset may read the heat of its cell.
+    """Return whether a thermocouple that reads too much since an onset may read the heat of its cell.
 
     Parameters
     ----------
@@ -64,14 +73,14 @@ def may_be_heat(
 
 
 def watched(f: HeatFilter, s: int, place: int, used: Bools) -> bool:
-    """Tell whether one of the thermocouples (m,) that are used tells of cell number `place` of those told of."""
+    """Return whether one of the used thermocouples (m,) observes the observed cell number `place`."""
     at = f.at
     near = np.abs(at.sensors[s] - at.told[s, place]) <= 1
     return bool((near & at.fitted[s] & used).any())
 
 
 def known(e: Evidence, s: int, w: Weighed, place: int, told: Sequence[Finding]) -> int | None:
-    """Give the fault (of H) of a thermocouple that is wrong for all one knows and tells of heat in cell number `place`.
+    """Fault (of H) of a thermocouple that observes cell number `place` and is certainly wrong; None if there is none.
 
     Parameters
     ----------
@@ -80,9 +89,9 @@ def known(e: Evidence, s: int, w: Weighed, place: int, told: Sequence[Finding]) 
         String.
     w : Weighed
     place : int
-        Of the cells that thermocouples tell of.
+        Among the observed cells.
     told : sequence of Finding
-        Thermocouples that were told to be wrong and are still used.
+        Thermocouples that were reported as wrong and are still used.
     """
     ln = w.ln[s].max(axis=0)
     for g in told:

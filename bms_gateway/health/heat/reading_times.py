@@ -1,15 +1,15 @@
-"""When in a step thermocouples were read, and how the ticks of a gateway make the ticks of the watch's balances."""
+"""Times of the readings within a step, and the ticks of the watch's balances from the ticks of a gateway."""
 
 import numpy as np
 
 from bms_gateway.thermal import Floats
 
 MOST_TICKS = 12
-"""Ticks of which a step's balances consist at most: about a second each. Shorter ticks are taken together."""
+"""Most ticks in the balances of a step: about a second each. Shorter ticks are merged."""
 
 
 def merged(ticks: int) -> Floats:
-    """Weights (L, ticks) of the ticks of a step in the means over the L even parts of it that balances know.
+    """Weights (L, ticks) of the ticks of a step in the means over its L even parts, the ticks of the balances.
 
     >>> merged(2).tolist()
     [[1.0, 0.0], [0.0, 1.0]]
@@ -24,20 +24,20 @@ def merged(ticks: int) -> Floats:
 
 
 def weights(y: Floats, age: Floats, tick_s: float, L: int) -> Floats:
-    """Weights of the ends of ticks in the mean of a thermocouple's readings: those of the step before, then its own.
+    """Weights of tick ends in the mean of a thermocouple's readings: first of the previous step, then of this step.
 
-    A reading between two ends has a share of both. What is older than the step before counts as read at its start.
+    A reading between two ends has a share of both. A reading from before the previous step counts as read at its start.
 
     Parameters
     ----------
     y, age : ndarray (ticks, S, m), °C, s
-        As the gateway read them in its ticks of `tick_s` seconds; NaN where nothing was read.
+        As read in the gateway's ticks of `tick_s` seconds; NaN without a reading.
 
     Returns
     -------
     ndarray (S, m, 2 L + 1)
-        Their sum is 1. The middle one is of the end of the step before, which is the start of this one; where nothing
-        was read, the last one is 1.
+        Their sum is 1. The middle one belongs to the end of the previous step, which is the start of this one. Without
+        a reading, the last one is 1.
 
     >>> weights(np.array([[[20.0]], [[21.0]]]), np.array([[[0.0]], [[0.5]]]), 1.0, 2).tolist()
     [[[0.0, 0.0, 0.0, 0.75, 0.25]]]

@@ -1,10 +1,10 @@
-"""Strings at rest: nothing flows while nobody speaks, so the watch goes on between rare frames and through a sleep.
+"""Strings at rest: no current flows while the bus is silent, so the watch continues between rare frames and in a sleep.
 
-A string is at rest once every current known in `STOOD` ticks in a row, or for `STOOD_S`, was nothing: a vehicle whose
-frames come once a minute stops at a light as well. It rests until a current flows, or until its thermocouples were
-heard more often than once without a current. What is unknown of the current then counts as nothing. A time without
-frames is gone through in long steps with the inlet on a straight line from before to after; where a current flows at
-its end, nobody knows since when, and the string begins anew.
+A string is at rest after `STOOD` ticks in a row, or `STOOD_S`, in which every known current was zero; the second number
+is needed because a vehicle whose frames come once a minute also stops at a light. The rest ends when a current flows,
+or when thermocouples are read more than once without a known current. While at rest, an unknown current counts as zero.
+A time without frames is computed in long steps, with an inlet that is linear between its values before and after. If a
+current flows at its end, its beginning is unknown, and the string starts again.
 """
 
 from collections.abc import Iterator
@@ -16,32 +16,34 @@ from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.thermal import Floats
 
 REST_RATE = 1e-4
-"""K/s of a cell's heat capacity by the current: below, nothing flows."""
+"""Heating rate by the current, K/s, below which the string counts as at rest."""
 UNSAID = 2
-"""Ticks with readings and no current, since one was known, that may be at rest: frames of one burst fall into two."""
+"""Ticks with readings and without a known current that may belong to a rest: frames of one burst fall into two
+ticks."""
 STOOD = 10
-"""Ticks with a known current in a row in which nothing flows,"""
+"""Ticks in a row with a known current of zero after which a string rests,"""
 STOOD_S = 600.0
-"""or time since the first of them, for frames that are rarer than that."""
+"""or time since the first of them, for rarer frames."""
 STRIDES_S = (10.0, 60.0, 600.0)
 MOST_STRIDES = 90
 LONGEST_S = 36 * 3600.0
-"""A longer sleep counts as so long: by then cells have forgotten where they began."""
+"""Longest sleep in the computation: cells have then forgotten their start."""
 STRAYED_K = 3.0
-"""If the median thermocouple is further from what rest makes of it, there was none, or the air is not the inlet's."""
+"""If the median thermocouple differs by more from its prediction, there was no rest, or the air differs from the
+inlet."""
 
 
 @dataclass(slots=True)
 class Rest:
-    """What says whether S strings are at rest.
+    """State from which the rest of S strings is decided.
 
     Attributes
     ----------
     resting : ndarray of bool (S,)
     flows : ndarray of bool (S,)
-        Whether a current flowed when one was known last.
+        Whether the last known current was above zero.
     slept_s : float
-        Time without frames that has not been gone through yet.
+        Time without frames that has not been computed yet.
     """
 
     resting: Bools
@@ -53,28 +55,28 @@ class Rest:
 
     @classmethod
     def of(cls, strings: int) -> "Rest":
-        """Know of no string that it rests."""
+        """Start with no string known to be at rest."""
         no, none = np.zeros(strings, np.bool_), np.zeros(strings, np.int64)
         return cls(no, no, none, none + STOOD, np.zeros(strings))  # no current was ever known to flow
 
     def go_on(self, s: int) -> None:
-        """Take string `s` as one that rested before a restart."""
+        """Mark string `s` as one that rested before a restart."""
         self.resting[s], self._stood[s] = True, STOOD
 
     def sleep(self, gap_s: float, before_s: float) -> None:
-        """Take in a time without frames, s, after ticks of `before_s` that no step has taken in."""
+        """Note a time without frames, s, after ticks of `before_s` that are not in a step yet."""
         self.slept_s += gap_s + before_s
         self._still_s += gap_s
 
     def take(self, square: Floats, current: Floats, most: Floats, y: Floats, tick_s: float) -> tuple[Floats, Floats]:
-        """Take in a tick; square, A², and current, A, (S,) with nothing where a string rests and nobody says so.
+        """Note a tick; return square, A², and current, A, (S,), with zero for resting strings of unknown current.
 
         Parameters
         ----------
         square, current : ndarray (S,)
-            NaN where not known.
+            NaN if unknown.
         most : ndarray (S,), A²
-            Below it nothing flows.
+            Limit below which no current flows.
         y : ndarray (S, n), °C
         tick_s : float, s
         """
@@ -97,7 +99,7 @@ class Rest:
 
 
 def strides(slept_s: float) -> Iterator[float]:
-    """Cut a sleep into steps, s; together they are its length to 10 s."""
+    """Divide a sleep into steps, s; their sum is its length to 10 s."""
     left = min(slept_s, LONGEST_S)
     longest = next((h for h in STRIDES_S if left / h <= MOST_STRIDES), STRIDES_S[-1])
     for h in reversed([h for h in STRIDES_S if h <= longest]):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bms_gateway.health.heat.finding import Finding
 
 LEAST_SHARE = 0.01
-"""Of the evidence, of another cause that is told."""
+"""Least share of the evidence of another cause that is named."""
 TROUBLE = {
     Kind.JUMP: "has jumped by {0:+.1f} K",
     Kind.SLOPE: "drifts by {0:+.1f} K/h",
@@ -66,7 +66,7 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
 
 
 def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str, float], ...]:
-    """List what else a finding in string `s` could be by the share (H,) of each fault, the likeliest first."""
+    """List the other causes of a finding in string `s` by the share (H,) of each fault, the likeliest first."""
     at = e.at
     found: dict[str, float] = {}
     for k, j in zip(e.kinds[share >= LEAST_SHARE].tolist(), np.flatnonzero(share >= LEAST_SHARE).tolist(), strict=True):
@@ -85,7 +85,7 @@ def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str
 
 
 def _watts(value: float, digits: int) -> str:
-    """Write a heat with so many digits, never with a power of ten."""
+    """Write a heat with `digits` significant digits, never with a power of ten."""
     return f"{value:.0f}" if abs(value) >= 9.5 * 10.0 ** (digits - 2) else f"{value:.{digits}g}"
 
 

@@ -9,11 +9,11 @@ from bms_gateway.health.heat.filter import HeatFilter
 SIZE_SD = 0.2
 """Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
 GROUP, TEMPERED = 2, 8.0
-"""Largest distance, in cells, between two cells that heat may belong to; and the least divisor of the ln evidence
-between them: what a wrong R_cc adds to it grows with the square of its error and with the evidence itself."""
+"""Largest distance, in cells, between two cells to which heat may belong; and the least divisor of the ln evidence
+between them: the error by a wrong R_cc grows with the square of its error and with the evidence itself."""
 
 
-def share_out(f: HeatFilter, e: Evidence, course: Course, s: int, w: Weighed, fault: int) -> tuple[int, ...]:
+def share_out(f: HeatFilter, e: Evidence, course: Course, s: int, w: Weighed, fault: int) -> dict[int, float]:
     """Shift the states by heat that is in a cell or in a neighbour of it.
 
     The cells of the group are merged by their moments. The evidence between them depends on R_cc, which is known
@@ -30,8 +30,8 @@ def share_out(f: HeatFilter, e: Evidence, course: Course, s: int, w: Weighed, fa
 
     Returns
     -------
-    tuple of int
-        Indices, among the observed cells, of the cells that the heat may be in.
+    dict of int to float
+        Indices, among the observed cells, of the cells in which the heat may be, and its size in each, W.
     """
     cells, best = f.at.told[s], int(f.at.told[s, e.place[fault]])
     ln = w.ln[s].max(axis=0)
@@ -57,4 +57,5 @@ def share_out(f: HeatFilter, e: Evidence, course: Course, s: int, w: Weighed, fa
     if f.usual.alone[s]:  # few thermocouples let the common states follow the heat: set these back
         f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
         f.z[s, f.at.flow] = course.film[s]  # mean of the last hour: slow heat shifts it before the onset
-    return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
+    watts = zip(group, chance.tolist(), amplitude.tolist(), strict=True)
+    return {int(e.place[j]): size for j, c, size in watts if c > 0.02}

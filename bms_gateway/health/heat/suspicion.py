@@ -1,4 +1,4 @@
-"""What may be wrong in a string though it is not believed yet, and by what chance."""
+"""Faults of a string that are not accepted yet, and their probabilities."""
 
 from math import exp, log
 
@@ -10,7 +10,7 @@ from bms_gateway.thermal import Floats
 
 
 def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int, float]]]:
-    """Tell the chance (H,) of each fault, and of those of note (best onset, fault, chance)."""
+    """Return the probability (H,) of each fault, and (best onset, fault, probability) of the important ones."""
     ln = w.ln[verdict.s]
     each = ln.max(axis=0) / verdict.course.doubt[verdict.s]
     E = each + verdict.usual()

@@ -1,25 +1,37 @@
-"""How thermocouples read: their noise, and the steps that a bus rounds them to, both learnt from what they read."""
+"""Properties of thermocouples, learnt from their readings: noise, and the step to which a bus rounds them.
+
+Other errors of their means, by lag or position on a cell, are learnt from the innovations of the heat filter.
+"""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.health.heat.filter import CASING_SD, READING_SD
+from bms_gateway.health.heat.layout import Bools
 from bms_gateway.thermal import Floats
 
-NOISE_SHARE = 0.005  # of what each reading tells of its noise
+NOISE_SHARE = 0.005  # share of each reading in the learnt noise
 SAME = 1e-3
-"""K: readings that differ by less are the same but for rounding."""
+"""K: readings that differ by less are equal except for rounding."""
 COARSEST = 1.0
-"""K: no bus rounds a temperature to more."""
+"""K: greatest resolution of a temperature on a bus."""
 ENOUGH = 3
-"""Changes of a reading that tell its step. Before, it is at most what the readings of the string have in common: a bus
-counts temperatures in whole steps, mostly from 0 °C, and all of them alike."""
+"""Changes of a reading that determine its step. Before, the step is at most the common divisor of the string's
+readings: a bus counts temperatures in whole steps, mostly from 0 °C, with the same step for all."""
 STAIRS = 4
-"""Readings equal to the one before, per reading that is not, from which on a thermocouple reads in stairs. What a
-resampled log has between two stairs is their mean: steps are learnt from values that were read twice in a row."""
+"""Ratio of unchanged to changed readings above which a thermocouple reads in stairs. A resampled log has their mean
+between two stairs: the step is then learnt from values that were read twice in a row."""
+
+
+LEAST_CASING_SD = 0.01
+"""K: least error of the mean of a step that more readings do not reduce. It begins with `CASING_SD`, its greatest."""
+LEARN_S, LONG = 600.0, 18
+"""Time constant, s, with which this error is learnt; and number of steps whose mean innovation must also agree with its
+sd: a lag or a drift of minutes is not visible from one step to the next."""
+MOST_GROWN = 5.0
+"""Greatest rate at which the error grows, over that of `LEARN_S`."""
 
 
 class Thermocouples:
@@ -37,43 +49,74 @@ class Thermocouples:
         self._all, self._stairs = CommonStep(shape), CommonStep(shape)
         self._repeats = np.zeros(shape, np.int64)
         self._noise = np.full(shape, READING_SD**2)
+        self._casing = np.full((2, *shape), CASING_SD**2)  # K², driven and at rest
+        self._ratios = np.ones((2, 2, *shape))  # squared innovations over their variance: of a step, of `LONG`
+        self._calm = np.zeros(strings, np.bool_)
+        self._sums, self._summed = np.zeros((2, 2, *shape)), np.zeros((2, *shape), np.int64)
 
     @property
-    def _in_stairs(self) -> NDArray[np.bool_]:
+    def _in_stairs(self) -> Bools:
         """Which thermocouples (S, m) read in stairs."""
         return np.asarray(self._repeats >= STAIRS * np.maximum(self._all.changes, 1), dtype=np.bool_)
 
     @property
     def step(self) -> Floats:
-        """Steps of the readings (S, m), K; 0 where none is known."""
+        """Steps of the readings (S, m), K; 0 if unknown."""
         stairs = self._in_stairs
-        # a mean was read, and no second stair yet: the steps are those of the first
+        # a mean was read, and no second stair yet: use the step of all readings
         first = stairs & (self._all.changes > 0) & (self._stairs.changes == 0)
         step = np.where(stairs, self._stairs.step, self._all.step)
         return np.where(first, common_divisor(np.full(step.shape, COARSEST), self._stairs.most), step)
 
     def pause(self) -> None:
-        """Take in a time without frames."""
+        """Note a time without frames."""
         self._last[:] = np.nan
 
+    def learn(self, nu: Floats, var: Floats, sound: Bools, calm: Bools, dt: float) -> None:
+        """Learn the error of the means besides noise from a step; it falls while innovations are not above their sd.
+
+        Parameters
+        ----------
+        nu, var : ndarray (S, m), K, K²
+            Innovations of the filter, and their stated variance.
+        sound : ndarray of bool (S, m)
+            Which of them belong to a sound thermocouple in a string without a suspicion.
+        calm : ndarray of bool (S,)
+            Strings without load, which are learnt separately.
+        dt : float, s
+            Length of the step.
+        """
+        self._calm = calm
+        there = np.stack((~calm, calm))[:, :, None] & sound
+        self._sums += np.where(there, np.stack((nu, var))[:, None], 0.0)
+        self._summed += there
+        whole = self._summed >= LONG
+        long = np.square(self._sums[0]) / np.where(whole, self._sums[1], 1.0)
+        share = min(1.0, dt / LEARN_S)
+        self._ratios[0] += np.where(there, np.square(nu) / var - self._ratios[0], 0.0) * share
+        self._ratios[1] += np.where(whole, long - self._ratios[1], 0.0) * min(1.0, share * LONG)
+        self._sums[:, whole], self._summed[whole] = 0.0, 0
+        grown = np.where(there, np.exp(np.minimum(self._ratios.max(axis=0) - 1.0, MOST_GROWN) * share), 1.0)
+        self._casing = np.clip(self._casing * grown, LEAST_CASING_SD**2, CASING_SD**2)
+
     def take(self, y: Floats) -> tuple[Floats, Floats]:
-        """Take in the readings of a step of some ticks.
+        """Include the readings of a step of some ticks.
 
         Parameters
         ----------
         y : ndarray (ticks, S, m), °C
-            NaN where nothing was read.
+            NaN without a reading.
 
         Returns
         -------
         mean, variance : ndarray (S, m), °C, K²
-            Of each thermocouple; NaN where it was not read.
+            Of each thermocouple; NaN without a reading.
         """
         there = np.isfinite(y)
         number = there.sum(axis=0)
         divisor = np.where(number > 0, number, np.nan)
         mean = np.where(there, y, 0.0).sum(axis=0) / divisor
-        for now in y:  # steps show between rare frames too
+        for now in y:  # steps are visible between rare frames too
             stands = np.abs(now - self._all.newest) <= SAME
             self._repeats += stands
             self._all.take(now)
@@ -85,25 +128,31 @@ class Thermocouples:
         self._last = np.where(there[-1], y[-1], np.nan)
         step2 = np.square(self.step)
         coarse = np.where(step2 / 6.0 > self._noise, step2, step2 / 12.0 / divisor)
-        return mean, np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
+        casing = np.where(self._calm[:, None], self._casing[1], self._casing[0])
+        return mean, np.maximum(self._noise, READING_SD**2) / divisor + coarse + casing
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what a restart takes up: steps, K, noise, K², and newest readings, °C."""
+        """Return the state for a restart: steps, K, noise and error, K², and newest readings, °C."""
         step = np.where(self._in_stairs, self._stairs.common, self._all.common)
         named = {"step": step, "noise": self._noise, "newest": self._all.newest}
+        named |= {"driven": self._casing[0], "rest": self._casing[1]}
         return {k: [[x if np.isfinite(x) else None for x in row] for row in v.tolist()] for k, v in named.items()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a snapshot.
+        """Continue from a snapshot.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            It is none, or of other strings.
+            `state` is not such a snapshot, or belongs to other strings.
         """
         step, noise, newest = (np.array(state[k], np.float64) for k in ("step", "noise", "newest"))  # None is NaN
         if not step.shape == noise.shape == newest.shape == self._noise.shape or not (noise >= 0.0).all():
             raise ValueError("heat: not of these strings")
+        error = [np.array(state.get(k, x), np.float64) for k, x in zip(("driven", "rest"), self._casing, strict=True)]
+        if not all(x.shape == noise.shape and (x >= 0.0).all() for x in error):  # states of older versions have none
+            raise ValueError("heat: not of these strings")
+        self._casing = np.clip(error, LEAST_CASING_SD**2, CASING_SD**2)
         self._noise = noise
         for values in (self._all, self._stairs):
             values.common, values.newest = np.where(step > 0.0, step, np.inf), newest
@@ -111,7 +160,7 @@ class Thermocouples:
 
 
 class CommonStep:
-    """The step that the values which each thermocouple reads have in common.
+    """The common step of the values that each thermocouple reads.
 
     Attributes
     ----------
@@ -120,7 +169,7 @@ class CommonStep:
     common : ndarray (S, m), K
         Greatest common divisor of all changes; infinite before the first.
     changes : ndarray (S, m)
-        Their number.
+        Number of changes.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -130,17 +179,17 @@ class CommonStep:
 
     @property
     def most(self) -> Floats:
-        """The greatest step that the values allow (S, m), K."""
+        """Greatest step (S, m), K, that is consistent with the values."""
         together = np.minimum(self._whole.min(axis=1, keepdims=True), COARSEST)
         return np.where(self.changes < ENOUGH, together, COARSEST)
 
     @property
     def step(self) -> Floats:
-        """Steps of the values (S, m), K; 0 where none is known."""
+        """Steps of the values (S, m), K; 0 if unknown."""
         return np.where(np.isfinite(self.common), np.minimum(self.common, self.most), 0.0)
 
     def take(self, now: Floats) -> None:
-        """Take in values (S, m), °C, NaN where there are none."""
+        """Include values (S, m), °C, NaN for none."""
         moved = np.abs(now - self.newest)
         changed = moved > SAME
         self.common = finer(self.common, moved, changed)
@@ -149,8 +198,8 @@ class CommonStep:
         self.newest = np.where(np.isfinite(now), now, self.newest)
 
 
-def finer(step: Floats, x: Floats, asked: NDArray[np.bool_]) -> Floats:
-    """Make steps divide `x` too where they are asked to; nearly always they do already, which is quickly seen.
+def finer(step: Floats, x: Floats, asked: Bools) -> Floats:
+    """Make steps divide `x` too, where `asked`; nearly always they do already, which is checked fast.
 
     >>> finer(np.array([0.5, 0.5, 0.5]), np.array([1.5, 0.7, 0.7]), np.array([True, True, False])).round(4).tolist()
     [0.5, 0.1, 0.5]
@@ -165,13 +214,13 @@ def finer(step: Floats, x: Floats, asked: NDArray[np.bool_]) -> Floats:
         return step
     found = common_divisor(step, x)
     times = np.rint(np.where(found > SAME, x / np.where(found > SAME, found, 1.0), 0.0))
-    # each round of Euclid multiplies the error of the last: the reading itself is exact
+    # each round of Euclid's algorithm multiplies the error of the last round: the reading itself is exact
     exact = np.where(times != 0.0, x / np.where(times != 0.0, times, 1.0), found)
     return np.where(asked, exact, step)
 
 
 def common_divisor(a: Floats, b: Floats) -> Floats:
-    """Greatest common divisor of `a` and `b`, K, to `SAME` (Euclid); where either is none (infinite, NaN), the other.
+    """Greatest common divisor of `a` and `b`, K, to `SAME` (Euclid); if one is infinite or NaN, the other.
 
     >>> common_divisor(np.array([1.0, 5.0 / 3.0, np.inf]), np.array([0.7, 10.0 / 9.0, 0.3])).round(4).tolist()
     [0.1, 0.5556, 0.3]

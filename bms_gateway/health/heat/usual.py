@@ -25,7 +25,7 @@ BIAS_SD = 0.3
 OWN_SD, OWN_S = 0.03, 12 * HOUR_S
 """ln: differences of the cells of one string, in heat and in R_u."""
 HEAT_RATE, HEAT_S = 1e-4, HOUR_S
-"""K/s of a cell's own heat capacity: heat that no model has and that is always there. Faults are far above."""
+"""K/s of a cell's own heat capacity: permanent heat that no model has. Faults are far above."""
 REFERENCE = 3
 """Number of sensors of a string from which a single one can be compared with the others."""
 LEAST_GAP_SD = 0.05
@@ -39,9 +39,9 @@ class Usual:
     Attributes
     ----------
     sd : ndarray (S, N)
-        Of each state but the temperatures.
+        Of each state except the temperatures.
     lasts_s : ndarray (N − 2n,)
-        Time constants of the states beside the temperatures, s; infinite for constants.
+        Time constants of the states other than the temperatures, s; infinite for constants.
     C : ndarray (S, a), J/K
         Heat capacities of the cells that sensors observe.
     gap_sd, beside_sd : ndarray (S,)
@@ -59,7 +59,7 @@ class Usual:
 
     @classmethod
     def of(cls, models: Sequence[StringModel], at: Layout, C: Floats) -> "Usual":
-        """Take the sizes of strings by their models."""
+        """Take the sizes of strings from their models."""
         sd = np.zeros((len(models), at.states))
         sd[:, at.load] = [max(LOAD_SD, m.priors["R_e"].rel_sd) for m in models]
         sd[:, at.flow] = [max(FLOW_SD, m.priors["R_u"].rel_sd) for m in models]

@@ -23,7 +23,7 @@ from bms_gateway.health.heat.course import (
     Course,
     missing,
 )
-from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import cooled, hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
@@ -33,7 +33,7 @@ from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.health.heat.shared_heat import share_out
 from bms_gateway.thermal import Floats
 
-SURE = 14.0
+SURE = 12.0
 """Least ln evidence at which heat is accepted: about 5 sd, because each step tests a few dozen faults and onsets."""
 ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
 """The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
@@ -42,6 +42,11 @@ ALONE, ALONE_HEAT = 0.95, 0.998
 while its cell cools looks like heat for a minute."""
 WAIT_S = 180.0
 """Time after which a certain fault with several possible causes is reported with the likeliest of them."""
+DRIFT_LN, DRIFT_S = 3.5, 1800.0
+"""ln by which heat and a drift of its thermocouple must differ for a report; s, after which the likelier is
+reported."""
+LAG_LN, LAG_TOLD_S = 6.0, 240.0
+"""The same for a thermocouple that came off and heat: heat looks like a lag in its first minutes."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
@@ -55,14 +60,14 @@ off looks like heat."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
-FLOWED_S = 1800.0  # in which a sudden change of the films may be reported; ageing judges slow changes
+FLOWED_S = 1800.0  # s in which a sudden change of the films may be reported; ageing judges slow changes
 INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet's sensor is wrong, frozen or not
 MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
-"""Heat has ended if it is below so many sd for so long, and with one sd below this share of what was found; in strings
-with few thermocouples with so many sd."""
+"""Heat has ended if it is below so many sd for so long, and if one sd is below this share of the found heat; the last
+number replaces the first in strings with few thermocouples."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
@@ -83,9 +88,9 @@ class Verdict:
     gaps : ndarray (m,), K
         Surfaces over the coolant, at the thermocouples, in the last step.
     cools : bool
-        Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
+        Whether no current flows and all thermocouples fall: few thermocouples then cannot show heat.
     burning : bool
-        Whether a surface of the string is over its limit, or a cell runs away: heat of the string is not over.
+        Whether a surface of the string is over its limit, or a cell runs away: heat of the string has then not ended.
     """
 
     s: int
@@ -159,9 +164,9 @@ class Verdict:
         return told + (self._standing(w, each, now_ns) if self.of.running[self.s] else [])
 
     def _prove(self, now_ns: int) -> list[Finding]:
-        """See whether heat is proven; then what thermocouples and inlet were told to be since it began is taken back.
+        """Check whether heat is proven; then withdraw findings on thermocouples and inlet since its beginning.
 
-        A cell that burns warms its neighbours in ways that no number of the model has.
+        A burning cell warms its neighbours in ways that no number of the model describes.
         """
         heats = [g for g in self.findings if g.code == "unexplained_heat"]
         if not heats or self._proven:
@@ -175,7 +180,7 @@ class Verdict:
         return back
 
     def pass_over(self) -> None:
-        """Take a step whose evidence is too small to be judged."""
+        """Pass a step whose evidence is too small to be judged."""
         self._stands, self._slow_ns, self._less_ns = 0, None, None
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
@@ -216,21 +221,44 @@ class Verdict:
         alone = float(share[same].sum())
         # the causes of a change during a sleep cannot be distinguished later either
         waited = held >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
-        if (
-            alone < (ALONE_HEAT if kind is Kind.HEAT else ALONE)
-            or held < (HOLD_COMMON_S if kind >= Kind.FLOW else HOLD_S)
-        ) and not waited:
+        # under load, no thermocouple is reported with a poor model: heat is not reported instead of it
+        loaded = not bool(self.of.calm[self.s])
+        waited = waited and not (kind is Kind.HEAT and loaded and self.course.poor[self.s])
+        waited = waited and not self._undecided(E, best, onset)
+        sure = alone >= (ALONE_HEAT if kind is Kind.HEAT else ALONE)
+        sure = sure and held >= (HOLD_COMMON_S if kind >= Kind.FLOW else HOLD_S)
+        if self._early(E, best, onset) or not (sure or waited):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
 
+    def _early(self, E: Floats, fault: int, onset: int) -> bool:
+        """Return whether a thermocouple seems to have come off, but so recently that its cell may heat instead."""
+        e, s = self.evidence, self.s
+        if e.kinds[fault] != Kind.LAG or e.ages(s)[onset] >= LAG_TOLD_S:
+            return False
+        heat = (e.kinds == Kind.HEAT) & (e.group[s] == e.group[s, fault])
+        return bool(E[heat].max() > E[fault] - LAG_LN)
+
+    def _undecided(self, E: Floats, fault: int, onset: int) -> bool:
+        """Return whether more readings can separate heat from a thermocouple's drift: for some minutes they look alike.
+
+        Few readings cannot: heat is the more dangerous of the two (`may_be_heat`).
+        """
+        e, s = self.evidence, self.s
+        rival = {Kind.HEAT: Kind.SLOPE, Kind.SLOPE: Kind.HEAT}.get(Kind(int(e.kinds[fault])))
+        if rival is None or e.ages(s)[onset] > DRIFT_S or e.reads(s, onset) < OLDEST_READ:
+            return False
+        same = (e.kinds == rival) & (e.group[s] == e.group[s, fault])
+        return bool(E[same].max() > E[fault] - DRIFT_LN)
+
     def _hidden(self, now_ns: int) -> Bools:
-        """Tell which onsets are before the end of the last sleep."""
+        """Return which onsets are before the end of the last sleep."""
         if self.woke_ns is None:
             return np.zeros(ONSETS, np.bool_)
         return self.evidence.ages(self.s) > self._lasted(self.woke_ns, now_ns)
 
     def usual(self) -> Floats:
-        """Give the ln prior of each fault (H,)."""
+        """Return the ln prior of each fault (H,)."""
         usual = np.array([USUAL.get(Kind(k), 0.0) for k in self.evidence.kinds])
         c, s = self.course, self.s
         if not (c.frozen[s] * self.of.dt >= FROZEN_S or c.constant_inlet[s] or c.leapt[s] > 0):
@@ -253,30 +281,37 @@ class Verdict:
         if self._proven and kind is not Kind.HEAT:
             self.evidence.forget(s)
             f.open_heat(s, int(np.flatnonzero(f.at.seen[s] & (f.at.told[s] == f.at.sensors[s, place]))[0]), 0.0)
-            return []  # it follows its cell, and that cell no balance
+            return []  # it follows its cell, and no balance describes the cell
         told = [g for g in self.findings if g.code == "thermocouple" and not self.aside[g.place]]
         again = known(self.evidence, s, w, place, told) if kind is Kind.HEAT and not self._proven else None
         if again is not None:
             return self._accept(again, int(w.ln[s, :, again].argmax()), w, share, sure, now_ns)
         age_s = float(self.evidence.ages(s)[onset])
-        places = share_out(f, self.evidence, self.course, s, w, fault) if kind is Kind.HEAT else (place,)
-        if kind is not Kind.HEAT:
+        sizes = {place: amplitude}
+        if kind is Kind.HEAT:
+            sizes = share_out(f, self.evidence, self.course, s, w, fault)
+        else:
             f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
         self.evidence.forget(s)
         self._stands = 0
         new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
-        new.others, new.places = others(self.evidence, s, share, new), places
+        new.others, new.places = others(self.evidence, s, share, new), tuple(sizes)
         if kind is Kind.FLOW:
             self._flowed_ns = now_ns
-        tells = {Kind.HEAT: self._heats, Kind.INLET: self._is_off}.get(kind, self._fails)
-        if kind in (Kind.FLOW, Kind.LOAD) or not tells(new):
+        if kind in (Kind.FLOW, Kind.LOAD):
             return []  # `_standing` judges the states of heat and films in every step
+        if kind is Kind.HEAT:
+            tells = self._heats(new, sizes)
+        else:
+            tells = self._is_off(new) if kind is Kind.INLET else self._fails(new)
+        if not tells:
+            return []
         self.findings.append(new)
         self._write(new, now_ns)
         return [new]
 
-    def _heats(self, new: Finding) -> bool:
-        """Make a finding of accepted heat, if it is large enough and not reported already."""
+    def _heats(self, new: Finding, sizes: Mapping[int, float]) -> bool:
+        """Make a finding of accepted heat, W by cell, if it is large enough and not reported already."""
         s, f, place = self.s, self.of, new.place
         cell = int(f.at.told[s, place])
         load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.usual.C[s, place])
@@ -288,8 +323,8 @@ class Verdict:
             return False
         if float(f.z[s, f.at.heat.start + np.array(new.places)].max()) <= 0.0:
             return False  # by the states the cell is cooled, not heated
-        for j in new.places:
-            f.open_heat(s, j, new.size)
+        for j, watts in sizes.items():
+            f.open_heat(s, j, watts)
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
         return not any(g.code == new.code and place in g.places for g in self.findings)
 
@@ -327,7 +362,7 @@ class Verdict:
         return told
 
     def _over(self, g: Finding, now_ns: int) -> bool:
-        """Tell whether the readings have contradicted a finding for long enough."""
+        """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
             h = at.heat.start + np.array(g.places)
@@ -355,11 +390,11 @@ class Verdict:
         return self._quiet(g, now_ns, float(f.made()[0][s]) > MISSING_BACK, 60.0)
 
     def _near(self, g: Finding) -> bool:
-        """Tell whether a thermocouple set aside reads what it should, and not what its fault makes of it."""
+        """Return whether a thermocouple set aside reads its prediction, and not the value of its fault."""
         off, sd = float(self._residual[g.place]), float(self._residual_sd[g.place])
         would = g.size * float(self._shows[g.kind][g.place]) if g.kind in self._shows else np.inf
         if g.low_ns is not None:
-            g.low_ns += round(max(0.0, 1.0 - (would / sd) ** 2) * self.of.dt * 1e9)  # what does not show says little
+            g.low_ns += round(max(0.0, 1.0 - (would / sd) ** 2) * self.of.dt * 1e9)  # an invisible fault says little
         return abs(off) < QUIET_SD * sd and (abs(would) < sd or abs(off) < abs(off - would))
 
     def _end(self, g: Finding, now_ns: int) -> None:
@@ -383,7 +418,7 @@ class Verdict:
         self._write(g, now_ns)
 
     def residuals(self, value: Floats, sd: Floats, shows: Mapping[Kind, Floats]) -> None:
-        """Take what the thermocouples (m,) are off their prediction, used or not, K; and would be by a whole fault."""
+        """Take the deviations (m,), K, of the thermocouples from their predictions, and those of a whole fault."""
         self._residual, self._residual_sd, self._shows = value, sd, shows
 
     def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
@@ -411,7 +446,7 @@ class Verdict:
         new = []
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
-        # a model that says so would need a current that cools
+        # a model with this result would need a current that cools
         warms = warms and float(f.made()[0][s]) > COLD
         warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
         if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
@@ -423,7 +458,7 @@ class Verdict:
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
             least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
             lost = u - self.course.film[s]
-            # a film shows by heat that stays: where the current seems to make none, the film that explains it is none
+            # a film shows by lasting heat: if the current seems to make none, the film is not the explanation
             own = own or share < MISSING
             own = own or (not flowed and bool(self.course.poor[s]))
             slower = grown > least and lost > sure * u_sd and not own
@@ -446,7 +481,7 @@ class Verdict:
         return new
 
     def _grown(self) -> float:
-        """Growth of R_u against what it has been."""
+        """Growth of R_u against its usual value."""
         return float(self.course.grown(self.of)[self.s])
 
     def _write(self, g: Finding, now_ns: int) -> None:
@@ -458,6 +493,6 @@ class Verdict:
         elif g.kind is Kind.LOAD:
             g.size = min(g.size, max(0.0, float(f.made()[0][s])))
         elif g.kind is Kind.HEAT:
-            h = at.heat.start + np.array(g.places)  # a sensor tells their sum better than where it sits
+            h = at.heat.start + np.array(g.places)  # a sensor determines their sum better than their place
             g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
         g.text = sentence(g, at.cells, now_ns)

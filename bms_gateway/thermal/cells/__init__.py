@@ -1,4 +1,4 @@
-"""What people know of a cell (format, mass, data sheet, how it is cooled), and the parameters that follow from it."""
+"""Known facts of a cell (format, mass, data sheet, kind of cooling), and the parameters that follow from them."""
 
 from bms_gateway.thermal.cells.cell_in_words import cell_of
 from bms_gateway.thermal.cells.facts import CellFacts, Chemistry, Cooling, Shape

@@ -1,4 +1,4 @@
-"""A cell in words, as people say it: `lg_m50 forced 2p`, `21700 5Ah 69g 25mOhm`, `pouch 290x216x7.1mm 33Ah plate`."""
+"""Descriptions of a cell in words: `lg_m50 forced 2p`, `21700 5Ah 69g 25mOhm`, `pouch 290x216x7.1mm 33Ah plate`."""
 
 import math
 import re
@@ -22,7 +22,7 @@ _MODEL = re.compile(
 )
 """A maker's model, as INR21700-50E: letters of chemistry and shape, the format, tenths of Ah, letters of the series."""
 _DENSE = 400.0
-"""Ah/l; no cell holds more."""
+"""Ah/l; more than any cell has."""
 _PLAIN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {
         **{word: ("cooling", word) for word in ("still", "forced", "plate", "liquid")},
@@ -53,9 +53,9 @@ def cell_of(text: str) -> CellFacts:
     Parameters
     ----------
     text : str
-        Words with blanks or commas between: a published name, a format or a maker's model (`INR21700-50E`), then
-        capacity (`5Ah`), mass (`69g`),
-        resistance (`25mOhm`, `25mOhm ac` at 1 kHz), parallel count (`2p`), gap (`2mm`), cooling, orientation,
+        Words separated by blanks or commas: a published name, a format or a maker's model (`INR21700-50E`), then
+        capacity (`5Ah`), mass (`69g`), resistance (`25mOhm`, `25mOhm ac` at 1 kHz), parallel count (`2p`), gap (`2mm`),
+        cooling, orientation,
         chemistry. The size of flat cells is `290x216x7.1mm`, length, width and thickness; of odd cylinders
         `cylinder 32x113mm`.
 
@@ -79,6 +79,7 @@ def cell_of(text: str) -> CellFacts:
     if not words:
         raise UsageError(f"cell: says nothing; {EXAMPLE}")
     cell, rest = _kind(words)
+    _refuse_twice(rest)
     for word in rest:
         cell = _told(cell, word)
     if not cell.size:
@@ -99,6 +100,17 @@ def cell_of(text: str) -> CellFacts:
     return cell
 
 
+def _refuse_twice(words: list[str]) -> None:
+    """Refuse two different counts in parallel, capacities or masses."""
+    said: dict[str, str] = {}
+    for word in words:
+        measure = _MEASURE.fullmatch(word)
+        unit = "" if measure is None else measure[2].lower()
+        kind = {"p": "p", "ah": "Ah", "mah": "Ah", "g": "g", "kg": "g"}.get(unit)
+        if kind is not None and said.setdefault(kind, word.lower()) != word.lower():
+            raise UsageError(f"cell: '{said[kind]}' and '{word}' contradict each other: say one of them")
+
+
 def _kind(words: list[str]) -> tuple[CellFacts, list[str]]:
     by_name: dict[str, CellFacts] = {_plain(name): c for name, c in {**PUBLISHED, **FORMATS}.items()}
     for i, word in enumerate(words):
@@ -117,7 +129,7 @@ def _kind(words: list[str]) -> tuple[CellFacts, list[str]]:
 
 
 def _of_maker(model: re.Match[str]) -> CellFacts:
-    """Find the published cell of a maker's model; else its format, with the capacity that the model's name tells."""
+    """Find the published cell of a maker's model, or its format with the capacity in the model's name."""
     form, series = FORMATS[model[1]], _plain(model[2])
     end = series if len(series) > 1 else model[1] + series
     published = [c for name, c in PUBLISHED.items() if series and c.size == form.size and _plain(name).endswith(end)]
@@ -165,7 +177,7 @@ def _size(cell: CellFacts, word: str, measures: list[float]) -> tuple[float, ...
         raise UsageError(f"cell: '{word}': a {cell.shape} cell has {wanted} measures")
     for x in measures:
         _bounded("size", x, word)
-    # the thinnest measure is across the layers, whatever the order
+    # the thinnest dimension is across the layers, in any order
     return tuple(measures) if wanted == 2 else tuple(sorted(measures, reverse=True))
 
 

@@ -1,4 +1,4 @@
-"""What is known of a cell before it was measured: format, mass, data sheet, surroundings; and the geometry of it."""
+"""Known facts of a cell before any measurement: format, mass, data sheet, surroundings; and its geometry."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Chemistry = Literal["LFP", "NMC", "NCA", "LMO", "LCO"]
 
 @dataclass(frozen=True, slots=True)
 class CellFacts:
-    """One kind of cell, and how it stands in its pack.
+    """One kind of cell, and its position in its pack.
 
     Attributes
     ----------
@@ -28,16 +28,16 @@ class CellFacts:
     resistance : float or None, Ω
         Of one cell at 25 °C.
     resistance_kind : {"dc", "ac"}
-        By a direct-current pulse of 1 to 30 s, or at 1 kHz.
+        From a direct-current pulse of 1 to 30 s, or at 1 kHz.
     parallel : int
-        Cells side by side that are one cell of the model.
+        Cells in parallel that are one cell of the model.
     orientation : {"standing", "lying"}
         Of a cylinder's axis, or of a flat cell's large face.
     cooling : Cooling
     spacing : float or None, m
         Gap to the neighbours.
     source : str
-        Where mass, capacity and resistance come from.
+        Source of mass, capacity and resistance.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Voltage of rested lithium-ion cells over their state of charge, by chemistry: what is known before any data."""
+"""Voltage of rested lithium-ion cells over their state of charge, by chemistry: prior knowledge without data."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,14 +22,14 @@ REST_V: Final[Mapping[Chemistry, Floats]] = MappingProxyType(
 )
 """V at 25 °C against graphite, between the branches of charge and discharge; rounded from published curves.
 
-NMC: half-way between cells of much nickel (LG M50, Chen et al. 2020) and of little (NMC111), which lie 0.1 V apart
-where they are nearly empty. NCA: Kollmeyer 2018 (18650PF). LMO: cells blended with a layered oxide, as in the Leaf.
+NMC: half-way between nickel-rich cells (LG M50, Chen et al. 2020) and NMC111, which differ by 0.1 V when nearly empty.
+NCA: Kollmeyer 2018 (18650PF). LMO: cells blended with a layered oxide, as in the Leaf.
 LFP and LCO: data sheets and text books (Plett, Battery Management Systems I).
 """
 REST_SD_V: Final[Mapping[Chemistry, float]] = MappingProxyType(
     {"LFP": 0.02, "NMC": 0.05, "NCA": 0.04, "LMO": 0.05, "LCO": 0.04}
 )
-"""V by which cells of one chemistry differ, hysteresis in it."""
+"""V: sd of the differences between cells of one chemistry, with hysteresis."""
 
 
 def rest_voltage(chemistry: Chemistry, soc: Floats) -> Floats:

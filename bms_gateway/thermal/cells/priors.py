@@ -1,8 +1,8 @@
-"""From what is known of a cell to C_c, C_s, R_e, R_c, R_u, R_cc with what each is worth, its formula and its source.
+"""Priors of C_c, C_s, R_e, R_c, R_u, R_cc from known facts of a cell, each with its sd, formula and source.
 
-These are priors: a standard deviation says how far cells of the same description lie apart, not how well a formula is
-evaluated. Where a formula leaves out something that is known to count, the deviation carries it. All are of the
-logarithm (`rel_sd`), about a median.
+A standard deviation states how much cells of the same description differ, not how exactly a formula is evaluated. If a
+formula omits something important, the standard deviation includes it. All are sd of the logarithm (`rel_sd`), about a
+median.
 """
 
 import math
@@ -28,35 +28,36 @@ DENSITY: Final[Mapping[tuple[str, bool], float]] = MappingProxyType(
         ("prismatic", False): 2250.0,
     }
 )
-"""kg/m³ of cells on the market by shape and whether LFP, for a cell whose mass is not given."""
+"""kg/m³ of cells on the market by shape and whether LFP, for a cell without a stated mass."""
 AREA_RESISTANCE_OHM_L: Final = 7e-4
-"""Resistance over minutes times volume of a cell of which no resistance is known, Ω l.
+"""Resistance over minutes times volume, Ω l, for a cell without a known resistance.
 
-A layer of electrodes has an area and a thickness, so that resistance times volume differs less from cell to cell than
-resistance times capacity: of 21 published cells from 2.3 to 280 Ah the logarithm of the first has a sd of 0.44 (median
-7.1e-4 Ω l), that of the second one of 0.68 (median 0.078 Ω Ah). Cells of 18650 and 21700 hold about 200 Ah/l.
+A layer of electrodes has an area and a thickness, so resistance times volume differs less from cell to cell than
+resistance times capacity: for 21 published cells from 2.3 to 280 Ah, the sd of the logarithm is 0.44 (median 7.1e-4 Ω
+l) against 0.68 (median 0.078 Ω Ah). Cells of 18650 and 21700 have about 200 Ah/l.
 """
 AREA_RESISTANCE_SD: Final = 0.55
-"""Wider than what was found, for the cells that nobody publishes."""
+"""Wider than the sd of the published cells, because other cells may differ more."""
 SLOW_SHARE: Final = 1.3
-"""Heat over minutes is that of the ohmic drop and of diffusion; a pulse of seconds shows the first and half of it."""
+"""Heat over minutes comes from the ohmic drop and from diffusion; a pulse of seconds shows the first and half of the
+second."""
 FROM_AC: Final = 1.9
-"""The same for a resistance at 1 kHz, which shows little but the ohmic drop."""
+"""The same for a resistance at 1 kHz, which shows almost only the ohmic drop."""
 K_RADIAL: Final = 0.35
 K_STACK: Final = 0.6
-"""W/(m K) across the layers with the contacts between them: wound rolls 0.15 to 0.9, stacks 0.3 to 1.1."""
+"""W/(m K) across the layers, including the contacts between them: wound rolls 0.15 to 0.9, stacks 0.3 to 1.1."""
 PROBED: Final = math.sqrt(2.0)
-"""The core is between the roll's mean (1/(8πkL) above its surface) and its hottest point (1/(4πkL))."""
+"""Ratio to the roll's mean: the core is between mean (1/(8πkL) above the surface) and hottest point (1/(4πkL))."""
 CAN_M: Final[Mapping[str, float]] = MappingProxyType({"cylinder": 0.27e-3, "prismatic": 0.8e-3, "pouch": 0.15e-3})
 CAN_J_M3K: Final[Mapping[str, float]] = MappingProxyType({"cylinder": 3.6e6, "prismatic": 2.4e6, "pouch": 2.2e6})
 """Wall of the casing and its heat capacity by volume: steel, aluminium, laminate."""
 K_ALONG: Final = 25.0
-"""W/(m K) along the layers: the way of the heat to a plate at the base of a can."""
+"""W/(m K) along the layers: path of the heat to a plate at the base of a can."""
 EMISSIVITY: Final = 0.85
 SIGMA: Final = 5.670e-8
 WARM_K: Final = 8.0
 AIR_K: Final = 298.0
-"""Surface over air and the air's temperature for which still air is evaluated; h changes by ± 20 % from 3 to 20 K."""
+"""Temperature of the surface over air, and of the air, for still air; h changes by ± 20 % from 3 to 20 K."""
 FORCED_H: Final = 40.0
 """W/(m² K) of air moved by a fan at 1 to 5 m/s over cells: 15 in a slow chamber to 80 in a fast bank of tubes."""
 PLATE_H: Final = 450.0
@@ -64,13 +65,13 @@ PLATE_H: Final = 450.0
 RIBBON_H: Final = 150.0
 """W/(m² K) over the whole side of a cell of which a third touches a ribbon through its pad; more if immersed."""
 NARROW_M: Final = 6e-3
-"""Gaps narrower than the boundary layers of both walls slow rising air."""
+"""Gaps narrower than the boundary layers of both walls reduce the convection."""
 K_AIR: Final = 0.026
 BUSBAR_W_K: Final = 0.012
 """Two welded strips of nickel, 0.2 × 8 mm over 20 mm, per cell of 21 mm; larger cells have more metal."""
 PAD_M: Final = 1.0e-3
 PAD_W_MK: Final = 0.15
-"""Foam between flat cells of which no gap is told."""
+"""Foam between flat cells if no gap is stated."""
 
 _HEAT = "Steinhardt et al. 2022 (review of measured heat capacities and conductivities)"
 _ROLL = "Drake et al. 2014, Forgez et al. 2010, Lin et al. 2014 (26650: 1.9 to 3.4 K/W), Steinhardt et al. 2022"
@@ -78,7 +79,7 @@ _ROLL = "Drake et al. 2014, Forgez et al. 2010, Lin et al. 2014 (26650: 1.9 to 3
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """One parameter of a cell, with where it comes from.
+    """One parameter of a cell, with its source.
 
     Attributes
     ----------
@@ -87,7 +88,7 @@ class Stated:
     rel_sd : float
         Standard deviation of the logarithm.
     formula : str
-        With the numbers that went in.
+        With the numbers used.
     source : str
         Physics, data sheet, published measurement: named.
     """
@@ -108,12 +109,12 @@ class _Film(NamedTuple):
 
 
 def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
-    """Work out the parameters of one cell of the model.
+    """Compute the parameters of one cell of the model.
 
     Parameters
     ----------
     cell : CellFacts
-        With `parallel` > 1 the cells side by side are one: capacities add, resistances divide.
+        With `parallel` > 1, the parallel cells count as one: capacities add, resistances divide.
 
     Returns
     -------
@@ -122,8 +123,8 @@ def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
 
     Notes
     -----
-    Held against the measured cells that a test has: see `tests/thermal/test_cell_priors.py`. A mean-to-surface value
-    1/(8πkL) with 20 or 30 % is *not* safe for R_c: two cells with a thermocouple inside want twice that.
+    Compared with the measured cells of a test: see `tests/thermal/test_cell_priors.py`. A mean-to-surface value
+    1/(8πkL) with 20 or 30 % is *not* safe for R_c: two cells with a thermocouple inside have twice that value.
 
     References
     ----------
@@ -159,9 +160,9 @@ def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
 
 
 def cell_priors(cell: CellFacts, *, conduction: bool) -> dict[str, Prior]:
-    """Turn the parameters into the priors of a string model; without R_cc where its cells do not conduct.
+    """Return the parameters as priors of a string model; without R_cc if its cells do not conduct.
 
-    Many cells in parallel may leave the bounds of what a model file takes: then the bound is the value.
+    A value of many parallel cells may be outside the bounds of a model file; it is then set to the bound.
     """
     return {
         symbol: Prior(min(max(s.value, KINDS[symbol].lower), KINDS[symbol].upper), s.rel_sd)

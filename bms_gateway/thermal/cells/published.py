@@ -1,7 +1,7 @@
-"""Cells of which mass, capacity and resistance were published: examples, and what `--cell NAME` knows.
+"""Cells with published mass, capacity and resistance: examples, and the names that `--cell NAME` accepts.
 
-Numbers are typical ones of data sheets; what a data sheet bounds from above is taken a little below. Cooling is the
-one of the published measurement where there is one, else still air: say yours.
+Numbers are typical ones of data sheets; for an upper bound of a data sheet, a slightly lower value is used. Cooling is
+that of the published measurement, otherwise still air: state your own.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """The catalogue: physical effects that a string model may lack, one file each, and one table that lists them.
 
-Effects of a user's own come in by the entry point group `bms_gateway.effects`: a class derived from `Effect`, named as
-it is named in model files.
+A user's own effects are added by the entry point group `bms_gateway.effects`: a class derived from `Effect` whose entry
+point has its name in model files.
 """
 
 from collections.abc import Mapping
@@ -20,6 +20,7 @@ from bms_gateway.thermal.effects.charge_transfer import ChargeTransfer
 from bms_gateway.thermal.effects.coolant_bypass import CoolantBypass
 from bms_gateway.thermal.effects.coolant_delay import CoolantDelay
 from bms_gateway.thermal.effects.cooling_drift import CoolingDrift
+from bms_gateway.thermal.effects.core_loss import CoreLoss
 from bms_gateway.thermal.effects.current_offset import CurrentOffset
 from bms_gateway.thermal.effects.end_plate import EndPlate
 from bms_gateway.thermal.effects.entropic_curve import EntropicCurve
@@ -60,6 +61,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     FlowDependentCooling,
     NaturalConvection,
     AmbientLoss,
+    CoreLoss,
     SurfaceJoule,
     BusbarJoule,
     EndPlate,
@@ -76,19 +78,19 @@ BUILT_IN: tuple[type[Effect], ...] = (
     InletOffset,
     CurrentOffset,
 )
-"""In the order in which the catalogue is shown."""
+"""Effects in the order in which the catalogue is shown."""
 UNLISTED: Mapping[str, Effect] = MappingProxyType({EntropicCurve.name: EntropicCurve()})
-"""What a fit may use beside the catalogue, and nobody is offered."""
+"""Effects that a fit may use besides the catalogue, and that no user is offered."""
 
 
 @cache
 def catalogue() -> Mapping[str, Effect]:
-    """All effects by name: the built-in ones in their order, then a user's own.
+    """All effects by name: the built-in ones in their order, then the user's own.
 
     Raises
     ------
     ConfigError
-        An entry point that cannot be loaded, is no effect, or takes a name that is taken.
+        An entry point cannot be loaded, is no effect, or has the name of another effect.
     """
     found = {cls.name: cls() for cls in BUILT_IN}
     for point in sorted(entry_points(group=GROUP), key=lambda e: e.name):
@@ -110,7 +112,7 @@ def effect_named(name: str) -> Effect:
     Raises
     ------
     ConfigError
-        There is none; says which is meant.
+        There is none; the message suggests the nearest name.
     """
     if name in UNLISTED:
         return UNLISTED[name]

@@ -1,11 +1,11 @@
-"""A second way out for the heat, past the coolant: chassis, radiation, a housing in the sun."""
+"""A second path of the heat besides the coolant: chassis, radiation, a housing in the sun."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 AMBIENT = 25.0
-"""°C to which G refers; another ambient shows as P."""
+"""°C to which G refers; a different ambient temperature shows as P."""
 
 
 class AmbientLoss(Effect):
@@ -23,12 +23,12 @@ class AmbientLoss(Effect):
     warms = -1
     plausibility = -1.5
     elsewhere = "heat that leaves the cores themselves, as through their tabs"
-    confused_with = ("neighbour_heat", "natural_convection", "inlet_offset", "thermocouple_offset")
+    confused_with = ("core_loss", "neighbour_heat", "natural_convection", "inlet_offset", "thermocouple_offset")
     parameters = (
         EffectParameter("G", "conductance to the surroundings", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06),
         EffectParameter("P", "heat from the surroundings at 25 °C", "W", 1.0, 0.0, 2.0, -40.0, 40.0, probe=0.6),
     )
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:
-        """Add what the surroundings bring."""
+        """Add the heat from the surroundings."""
         z.surface = z.surface + p["P"] - p["G"] * (z.T_s - AMBIENT)

@@ -1,15 +1,15 @@
-"""What a physical effect is: its parameters, where it stands in the balances, and the hooks by which it acts.
+"""A physical effect: its parameters, its place in the balances, and the hooks by which it acts.
 
-One effect is one file with one class. Its hooks are pure functions of arrays: the same ones serve a whole record at
+One effect is one file with one class. Its hooks are pure functions of arrays: the same hooks serve a whole record at
 once (leading axis: intervals), the fit, the screening and one tick of the live observer. A hook gets the `Point`, the
-values of the effect's parameters (SI) and `at`, the share of each cell that is concerned: ones, or a single one for an
-effect that sits on one cell. It may put new arrays into the point and must not write into the arrays it finds there.
+values of the effect's parameters (SI) and `at`, the share of each cell that is affected: ones, or a single one for an
+effect on one cell. It may put new arrays into the point, but must not change the arrays in it.
 
 Hooks run in the order of the signal: `inputs`, `coefficients`, `heats`, `flux`, `surroundings`, `reading`. An effect
-with a memory of the inputs (polarisation, delay) says in `follow` how it runs on; one with thermal states of its own
-(radial modes, a slow thermocouple) says how many per cell, how they start, and gives their rates in a hook.
+with a memory of the inputs (polarisation, delay) advances it in `follow`; an effect with its own thermal states (radial
+modes, a slow thermocouple) states their number per cell and their start, and gives their rates in a hook.
 
-What Lin et al., Eq 1 and 16-18, leave out.
+Effects that Lin et al., Eq 1 and 16-18, leave out.
 """
 
 from abc import ABC
@@ -25,7 +25,7 @@ from bms_gateway.thermal.point import Point
 
 Node = Literal["core", "surface", "coolant", "reading", "input"]
 Place = Literal["string", "cell", "sensor", "gap"]
-"""Where an effect sits: everywhere, on one cell, on one thermocouple, or on the stream after one cell."""
+"""Place of an effect: everywhere, on one cell, on one thermocouple, or on the stream after one cell."""
 HOOKS = ("inputs", "coefficients", "heats", "flux", "surroundings", "reading")
 Values = Mapping[str, float]
 
@@ -41,18 +41,18 @@ class EffectParameter:
         Shown to people; `to_si` times the shown number is SI.
     to_si : float
     prior, sd : float
-        Centre (SI) and standard deviation of what is known before any data: SI, or of the logarithm where `log`.
-        The Occam factor of an added effect lives on it.
+        Centre (SI) and standard deviation before any data: SI, or of the logarithm if `log`. The Occam factor of an
+        added effect depends on it.
     lower, upper : float
-        SI. An estimate that ends on a bound is not believed.
+        SI. An estimate that ends at a bound is not accepted.
     log : bool
-        Positive and known in per cent: fitted in its logarithm.
+        Positive and known in per cent: fitted as its logarithm.
     probe : float
-        SI: the value at which the screening looks at the effect; for a shape parameter its typical value.
+        SI: value of the screening; for a shape parameter its typical value.
     neutral : float or None
-        SI: the value at which the effect vanishes; None for a shape parameter.
+        SI: value at which the effect vanishes; None for a shape parameter.
     reach : float
-        SI (or of the logarithm where `log`): farther than this a linear step in it means nothing.
+        SI (or of the logarithm if `log`): limit of a linear step.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Effect(ABC):
     name : str
         Part of the contract: model files, commands and JSON use it.
     title, equation, signature, needs : str
-        For people: what it is, the equation added, how it shows, what a record must contain to show it.
+        For people: name, added equation, visible sign, and what a record must contain to show it.
     node : {"core", "surface", "coolant", "reading", "input"}
         Balance concerned.
     place : {"string", "cell", "sensor", "gap"}
@@ -85,30 +85,30 @@ class Effect(ABC):
     confused_with : tuple of str
         Names of effects that look alike.
     signals : tuple of str
-        Of "flow", "soc", "voltage": without them in the record the effect is not offered.
+        Of "flow", "soc", "voltage": a record without them cannot have the effect.
     least_cells : int
-        Strings shorter than this do not have it.
+        Least number of cells for the effect.
     one_sided : bool
-        The first parameter has its neutral value as physical limit.
+        The neutral value of the first parameter is its physical limit.
     steep : bool
-        The balances bend within a kelvin: sensitivities are stepped interval by interval, exact and slower.
+        The balances bend within a kelvin: sensitivities are computed interval by interval, exactly and slower.
     plausibility : float
-        Prior log-odds on a bench cell: 0 for what every cell has, −1.5 common, −3 needs a special cause.
+        Prior log-odds on a bench cell: 0 if every cell has it, −1.5 common, −3 needs a special cause.
     states : int
-        Thermal states of its own per cell. They say how temperature is spread and store no heat.
+        Number of its own thermal states per cell. They describe the distribution of temperature and store no heat.
     warms : {-1, 0, 1}
-        What the effect at its probe does to a string on discharge that is warmer than inlet and surroundings, at a
-        flow above the nominal one and an SOC below a half: 1 warms it, -1 cools it, 0 depends or neither.
+        Sign of the effect at its probe on a string on discharge that is warmer than inlet and surroundings, at a flow
+        above the nominal one and an SOC below a half: 1 warms, -1 cools, 0 depends or neither.
     elsewhere : str
-        What is in no catalogue and looks the same at every surface, but leaves another core: with this effect in a
-        model, surfaces alone do not prove a core.
+        An effect outside every catalogue with the same surfaces but another core: with this effect in a model, surfaces
+        alone do not prove a core.
     constants : bool
-        The law holds a constant of nature with energy or charge in its unit (R/F, Stefan-Boltzmann), so that it
-        cannot be tried in other units.
+        The law contains a constant of nature with energy or charge in its unit (R/F, Stefan-Boltzmann), so it cannot be
+        tested in other units.
 
     See Also
     --------
-    bms_gateway.thermal.properties.broken_properties : what every effect must obey, by one call.
+    bms_gateway.thermal.properties.broken_properties : tests the properties of every effect in one call.
     """
 
     name: ClassVar[str]
@@ -131,7 +131,7 @@ class Effect(ABC):
     elsewhere: ClassVar[str] = ""
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Values from which a fit should be tried, by parameter (SI); what is not named starts at its probe.
+        """Start values of a fit, by parameter (SI); parameters that are not named start at their probe.
 
         Parameters
         ----------
@@ -141,14 +141,14 @@ class Effect(ABC):
         return ({},)
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Names of the parameters that a record of this drive can tell at all.
+        """Names of the parameters that a record of this drive can determine.
 
-        A fit leaves the others at their neutral value; with none left, the effect is not offered.
+        A fit leaves the others at their neutral value; if none can be determined, the effect is not offered.
         """
         return tuple(p.name for p in self.parameters)
 
     def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats] | None:
-        """Run the effect's memory of the inputs on over the intervals of `u`.
+        """Advance the effect's memory of the inputs over the intervals of `u`.
 
         Parameters
         ----------
@@ -156,21 +156,21 @@ class Effect(ABC):
             N intervals.
         p : mapping of str to float
         carry : ndarray or None
-            What the last call returned; None at the start of a record.
+            Result of the last call; None at the start of a record.
 
         Returns
         -------
         memory : ndarray (N, k)
-            Mean over each interval, for the hooks to find in `Point.memory[point.key]`.
+            Mean over each interval, which hooks find in `Point.memory[point.key]`.
         carry : ndarray
             For the next call. N calls of one interval give the same as one call of N.
 
-        Or None for an effect that remembers nothing.
+        None for an effect without a memory.
         """
         return None
 
     def rest(self, T_c: Floats, T_s: Floats, p: Values) -> Floats:
-        """Give the effect's own states in balance with core and surface: ndarray (…, n, states)."""
+        """Return the effect's own states in balance with core and surface: ndarray (…, n, states)."""
         return np.zeros((*np.shape(T_c), self.states))
 
     def inputs(self, z: Point, p: Values, at: Floats) -> None:
@@ -183,10 +183,10 @@ class Effect(ABC):
         """Change the heat made in the core, which is I²R_e when the hook runs."""
 
     def flux(self, z: Point, p: Values, at: Floats) -> None:
-        """Change the flux core to surface, which is (T_c − T_s)/R_c when the hook runs; rates of own states."""
+        """Change the flux core to surface, which is (T_c − T_s)/R_c when the hook runs; set the rates of own states."""
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:
-        """Bring heat to the surface; coolant temperatures and film flux are known when the hook runs."""
+        """Add heat at the surface; coolant temperatures and film flux are known when the hook runs."""
 
     def reading(self, z: Point, p: Values, at: Floats) -> None:
         """Change what the thermocouple reads, which is T_s when the hook runs."""
@@ -198,5 +198,5 @@ class Effect(ABC):
 
     @classmethod
     def parameter(cls, name: str) -> EffectParameter:
-        """Return the parameter of that name; KeyError where there is none."""
+        """Return the parameter of that name; KeyError if there is none."""
         return {p.name: p for p in cls.parameters}[name]

@@ -1,4 +1,4 @@
-"""A loose or dried-out jelly roll: its heat reaches the casing later than the others'."""
+"""A loose or dried-out jelly roll: its heat reaches the casing later than that of other cells."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.effects.laws import factor

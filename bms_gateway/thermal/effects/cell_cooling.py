@@ -1,4 +1,4 @@
-"""A blocked channel or a shaded cell: it gives its heat off worse than the others."""
+"""A blocked channel or a shaded cell: the cell is cooled worse than the others."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.effects.laws import factor

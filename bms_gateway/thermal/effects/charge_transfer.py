@@ -10,7 +10,7 @@ from bms_gateway.thermal.point import Point
 GAS, FARADAY = 8.314462618, 96485.33212
 """J/(mol K), C/mol."""
 NONE = 1e5
-"""A: an exchange current so large that its losses are those of a quarter of a µΩ."""
+"""A: exchange current that counts as infinite: its losses equal those of a quarter of a µΩ."""
 
 
 class ChargeTransfer(Effect):
@@ -22,9 +22,9 @@ class ChargeTransfer(Effect):
 
     Notes
     -----
-    An interval is taken as one amplitude that is on for a part of it: amplitude mean(I²)/mean|I|, charge mean|I|.
-    So the mean is right for a constant current, for pulses, for small currents (∝ I²) and for large ones (∝ \|I\|);
-    neither the root mean square nor the mean magnitude alone does that.
+    An interval is treated as one amplitude for a part of the time: amplitude mean(I²)/mean|I|, charge mean|I|. So the
+    mean is right for a constant current, for pulses, for small currents (∝ I²) and for large ones (∝ \|I\|). Neither
+    the root mean square nor the mean magnitude alone gives that.
     """
 
     name = "charge_transfer"
@@ -48,7 +48,7 @@ class ChargeTransfer(Effect):
     )
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Try a Tafel-like, a medium and a nearly ohmic one."""
+        """Try three starts: Tafel-like, medium and nearly ohmic."""
         return ({"I_0": 2.0}, {"I_0": 20.0}, {"I_0": 200.0})
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:

@@ -1,4 +1,4 @@
-"""Coolant leaves the channel between two cells: those further on get less."""
+"""Coolant leaves the channel between two cells: the cells after them get less."""
 
 import numpy as np
 
@@ -26,5 +26,5 @@ class CoolantBypass(Effect):
     parameters = (EffectParameter("b", "share that leaves", "1", 1.0, 0.0, 0.3, -0.3, 0.9, probe=0.1),)
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:
-        """Thin the stream that passes the cells after the leak; the cell before it still gets all."""
+        """Reduce the stream at the cells after the leak; the cell before it still gets all."""
         z.C_f = z.C_f * (1.0 - p["b"] * (np.cumsum(at) - at))

@@ -1,4 +1,4 @@
-"""The coolant takes its time from the inlet sensor to the first cell."""
+"""The coolant needs time from the inlet sensor to the first cell."""
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from bms_gateway.thermal.point import Point
 PLUG = 0.65
 """Share of the delay that is transport through hoses and channels; the rest is mixing, with plenums and walls."""
 LONGEST = 120.0
-"""s: upper bound of the delay, and so of what must be remembered."""
+"""s: upper bound of the delay, and so of the memory."""
 LEAST_SPREAD = 0.1
-"""K: standard deviation of the inlet below which no delay shows."""
+"""K: standard deviation of the inlet below which no delay is visible."""
 
 
 class CoolantDelay(Effect):
@@ -33,15 +33,15 @@ class CoolantDelay(Effect):
     parameters = (EffectParameter("tau", "mean delay", "s", 1.0, 0.0, 15.0, 0.0, 120.0, probe=5.0),)
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Try a short and a long one: the error is no straight function of the delay."""
+        """Try a short and a long delay: the error is not linear in the delay."""
         return ({"tau": 5.0}, {"tau": 30.0})
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Nothing where the inlet does not move."""
+        """Return nothing if the inlet does not move."""
         return ("tau",) if np.std(u.T_in) > LEAST_SPREAD else ()
 
     def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats]:
-        """Delayed minus recorded inlet over each interval, K; carried on: lag, interval, and the inlet's past, °C."""
+        """Return delayed minus recorded inlet per interval, K; carry: lag, interval, and past inlet, °C."""
         reach = int(np.ceil(PLUG * LONGEST / u.dt)) + 1
         past = np.full(reach, u.T_in[0]) if carry is None else _past(carry, u.dt, reach)
         whole, part = divmod(PLUG * p["tau"] / u.dt, 1.0)
@@ -53,12 +53,12 @@ class CoolantDelay(Effect):
         return (mean - u.T_in)[:, None], np.concatenate([[y[-1], u.dt], known[-reach:]])
 
     def inputs(self, z: Point, p: Values, at: Floats) -> None:
-        """Put the delayed inlet in the place of the recorded one."""
+        """Replace the recorded inlet by the delayed one."""
         z.T_in = z.T_in + z.memory[z.key]
 
 
 def _past(carry: Floats, dt: float, reach: int) -> Floats:
-    """Inlet of the last `reach` intervals, the latest last; a carry of other intervals is read by its ages."""
+    """Inlet of the last `reach` intervals, the latest last; a carry with other intervals is read by its ages."""
     values, was = carry[2:], float(carry[1])
     if was == dt:
         return values

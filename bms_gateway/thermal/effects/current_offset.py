@@ -14,8 +14,8 @@ class CurrentOffset(Effect):
 
     Notes
     -----
-    The mean magnitude is exact for intervals of one current. What an effect remembers (hysteresis, polarisation) and
-    a counted state of charge belong to the recorded current.
+    The mean magnitude is exact for intervals with one current. Memories of effects (hysteresis, polarisation) and a
+    counted state of charge use the recorded current.
     """
 
     name = "current_offset"
@@ -29,7 +29,7 @@ class CurrentOffset(Effect):
     parameters = (EffectParameter("b", "offset of the current sensor", "A", 1.0, 0.0, 2.0, -10.0, 10.0, probe=0.6),)
 
     def inputs(self, z: Point, p: Values, at: Floats) -> None:
-        """Take the offset off the mean, the mean square, the mean magnitude and the power."""
+        """Subtract the offset from the mean, the mean square, the mean magnitude and the power."""
         b = p["b"]
         z.I2 = np.maximum(z.I2 - 2.0 * b * z.I + b * b, 0.0)
         z.I_abs = z.I_abs + np.abs(z.I - b) - np.abs(z.I)

@@ -28,5 +28,5 @@ class EndPlate(Effect):
     )
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:
-        """Add what the plates bring."""
+        """Add the heat from the plates."""
         z.surface = z.surface + (p["P"] - p["G"] * (z.T_s - AMBIENT)) * ends(z.cells)

@@ -1,4 +1,4 @@
-"""What the entropic coefficient does between the knots of `entropic_heat`: for curves, never offered as an effect."""
+"""Entropic coefficient between the knots of `entropic_heat`: for curves, never offered as an effect."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from bms_gateway.thermal.point import Point
 
 FINE = np.linspace(0.0, 1.0, 21)
 DEPARTS, REACH = 0.1e-3, 0.1
-"""V/K by which coefficients of layered oxides and graphite depart from straight lines between the knots (sd), and the
-charge over which they depart one way."""
+"""V/K: sd of the differences between the coefficients of layered oxides and graphite and lines between the knots; and
+the charge over which a difference keeps its sign."""
 MODES = 12
-"""Of a random curve of that reach: all but a thousandth of its variance."""
+"""Number of shapes of a random curve with that length: all but a thousandth of its variance."""
 
 
 def _modes() -> Floats:
@@ -42,10 +42,10 @@ class EntropicCurve(EntropicHeat):
     )
 
     def determined(self, u: object) -> tuple[str, ...]:
-        """All: what a record does not tell stays at its prior."""
+        """Return all: parameters that a record does not determine stay at their prior."""
         return tuple(p.name for p in self.parameters)
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:
-        """Take I T dU/dT from each core's heat."""
+        """Subtract I T dU/dT from each core's heat."""
         curve = np.array([p[q.name] for q in self.parameters]) @ SHAPES
         z.core = z.core - z.I * (z.T_c + KELVIN) * by_knots(z.soc, FINE, curve.tolist())

@@ -10,9 +10,9 @@ from bms_gateway.thermal.point import Point
 
 KNOTS = np.array([0.05, 0.35, 0.65, 0.95])
 LEAST_SPAN = 0.2
-"""SOC span below which a record tells one number only."""
+"""SOC span below which a record determines one number only."""
 REACH = 0.15
-"""A knot is told by a record that comes within half a knot spacing of it."""
+"""A record determines a knot if it comes within half a knot spacing of it."""
 
 
 def _departure(number: int) -> EffectParameter:
@@ -21,12 +21,12 @@ def _departure(number: int) -> EffectParameter:
 
 
 class EntropicHeat(Effect):
-    r"""Heat proportional to the current, its sign with the current and with the state of charge.
+    r"""Heat proportional to the current; its sign changes with that of the current and with the state of charge.
 
     .. math:: q \to q - I T_c \, \frac{dU}{dT}(\mathrm{SOC})
 
-    The coefficient is a level plus a departure at each of four knots, straight between them. A record with little SOC
-    span tells the level alone; where no record went, the curve falls back to the level and not to zero.
+    The coefficient is a level plus a difference at each of four knots, linear between them. A record with little SOC
+    span determines only the level; outside the recorded range, the curve returns to the level and not to zero.
     """
 
     name = "entropic_heat"
@@ -46,13 +46,13 @@ class EntropicHeat(Effect):
     )
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Level alone below 20 % SOC span, else with it the knots that the record came near to."""
+        """Return the level alone below 20 % SOC span, else also the knots near the recorded range."""
         if "soc" not in u.known or np.ptp(u.soc) < LEAST_SPAN:
             return ("dUdT",)
         low, high = float(np.min(u.soc)) - REACH, float(np.max(u.soc)) + REACH
         return ("dUdT", *(f"dUdT_{k}" for k, knot in enumerate(KNOTS, 1) if low <= knot <= high))
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:
-        """Take I T dU/dT from each core's heat."""
+        """Subtract I T dU/dT from each core's heat."""
         slope = p["dUdT"] + by_knots(z.soc, KNOTS, [p[f"dUdT_{k}"] for k in (1, 2, 3, 4)])
         z.core = z.core - z.I * (z.T_c + KELVIN) * slope

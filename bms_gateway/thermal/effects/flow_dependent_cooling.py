@@ -8,9 +8,9 @@ from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 LEAST_FLOW = 0.01
-"""Of the nominal flow: below it the power law has left its range, and still air cools too."""
+"""Least flow ratio: below it the power law is not valid, and still air cools too."""
 LEAST_SPREAD = 0.01
-"""Spread of the flow ratio below which its exponent cannot be told from R_u."""
+"""Spread of the flow ratio below which its exponent cannot be distinguished from R_u."""
 
 
 class FlowDependentCooling(Effect):
@@ -32,7 +32,7 @@ class FlowDependentCooling(Effect):
     parameters = (EffectParameter("n", "exponent", "1", 1.0, 0.0, 0.5, -0.5, 2.0, probe=0.15),)
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Nothing where the flow was not recorded or did not change."""
+        """Return nothing if the flow was not recorded or did not change."""
         return ("n",) if "flow" in u.known and np.std(u.flow) > LEAST_SPREAD else ()
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:

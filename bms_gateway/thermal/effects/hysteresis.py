@@ -1,4 +1,4 @@
-"""Losses of the open-circuit hysteresis: a voltage gap that builds up with the charge moved in one direction."""
+"""Losses by hysteresis of the open-circuit voltage: the gap grows with the charge moved in one direction."""
 
 from math import exp, expm1
 
@@ -10,7 +10,7 @@ from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 TURNED = 0.01
-"""Share of Q that must have moved backwards before the direction counts as changed: a current sensor's noise at rest
+"""Share of Q that must have moved backwards before the direction counts as changed: noise of a current sensor at rest
 is no reversal."""
 
 
@@ -53,13 +53,13 @@ class Hysteresis(Effect):
         return ({"Q": 180.0}, {"Q": 1440.0})
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Nothing where the current has one direction only."""
+        """Return nothing if the current has one direction only."""
         return ("V", "Q") if np.any(u.I < 0.0) and np.any(u.I > 0.0) else ()
 
     def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats]:
         """Build-up 1 − exp(−m/Q) as its mean over each interval.
 
-        Carried on: charge moved in the present direction [C], that direction, charge moved against it since [C].
+        Carry: charge moved in the present direction [C], that direction, charge moved against it since [C].
         """
         Q = p["Q"]
         moved, direction, against = (0.0, 0.0, 0.0) if carry is None else map(float, carry)

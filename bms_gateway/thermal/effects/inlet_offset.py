@@ -22,5 +22,5 @@ class InletOffset(Effect):
     parameters = (EffectParameter("b", "offset of the inlet sensor", "K", 1.0, 0.0, 1.0, -5.0, 5.0, probe=0.3),)
 
     def inputs(self, z: Point, p: Values, at: Floats) -> None:
-        """Take the offset off."""
+        """Subtract the offset."""
         z.T_in = z.T_in - p["b"]

@@ -1,4 +1,4 @@
-"""Laws that several effects share: activation, a factor that stays positive, curves by knots, first-order lags."""
+"""Laws that several effects use: activation, a factor that stays positive, curves by knots, first-order lags."""
 
 from collections.abc import Sequence
 
@@ -8,14 +8,14 @@ from bms_gateway.thermal.parameters import Floats
 
 KELVIN = 273.15
 REFERENCE = 298.15
-"""K: where temperature-dependent numbers are stated."""
+"""K: reference of temperature-dependent numbers."""
 COLDEST = 100.0
-"""K: no cell is colder; a trial of a fit that goes there must still find numbers."""
+"""K: lower limit for a trial of a fit; no cell is colder."""
 FEW = 64
-"""Intervals that are stepped through in plain floats: as fast as a filter of scipy's, which the live gateway, that goes
-interval by interval, then need not load."""
+"""Number of intervals up to which plain floats are used: as fast as scipy's filter, which the live gateway with its
+single intervals then need not load."""
 LEAST_FACTOR = 0.05
-"""A resistance never falls below this share of itself: a fit that tries more must meet no sign change."""
+"""A resistance never falls below this share of its value, so that a trial of a fit cannot change its sign."""
 
 
 def activation(T: Floats, kelvin: float) -> Floats:
@@ -43,12 +43,12 @@ def ends(cells: int) -> Floats:
 
 
 def by_knots(soc: Floats, knots: Floats, values: Sequence[float]) -> Floats:
-    """Curve over the state of charge: straight between the knots, level beyond them."""
+    """Curve over the state of charge: linear between the knots, constant beyond them."""
     return np.asarray(np.interp(soc, knots, values), dtype=np.float64)
 
 
 def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats]:
-    r"""First-order lag of an input that is known by its interval means.
+    r"""First-order lag of an input with known interval means.
 
     .. math:: \tau \dot y = x - y
 
@@ -66,11 +66,11 @@ def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats
     y : (N + 1,)
         At the instants that bound the intervals.
     mean : (N,)
-        Over each interval; what the lag holds back is never lost: τ (y_end − y_start) = dt (x − mean).
+        Over each interval; no heat is lost: τ (y_end − y_start) = dt (x − mean).
 
     Notes
     -----
-    Interval by interval the same numbers come out as for all at once, bit for bit.
+    Single intervals give the same numbers as all intervals at once, bit for bit.
     """
     kept = float(np.exp(-dt / tau)) if tau > 0.0 else 0.0
     if len(x) <= FEW:
@@ -79,7 +79,7 @@ def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats
         for k, fed in enumerate(((1.0 - kept) * x).tolist()):
             y[k + 1] = before = fed + kept * before
     else:
-        from scipy.signal import lfilter  # takes longer to load than all else here: only who has a long record pays
+        from scipy.signal import lfilter  # slow to load: only long records need it
 
         end, _ = lfilter([1.0 - kept], [1.0, -kept], x, zi=np.array([kept * before]))
         y = np.concatenate([[before], end])

@@ -1,4 +1,4 @@
-"""Still air carries more heat per kelvin the hotter the surface is."""
+"""Natural convection: still air carries more heat per kelvin if the surface is hotter."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.parameters import Floats

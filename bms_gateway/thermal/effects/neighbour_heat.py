@@ -1,4 +1,4 @@
-"""Something beside one cell warms or cools it: a converter, a bracket, a leak of cold air."""
+"""A heat source or sink beside one cell: a converter, a bracket, a leak of cold air."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.parameters import Floats

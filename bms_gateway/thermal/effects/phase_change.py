@@ -1,4 +1,4 @@
-"""Something at the surface melts: a phase-change sheet, wax, ice."""
+"""A material at the surface melts: a phase-change sheet, wax, ice."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class PhaseChange(Effect):
     )
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Try eight melting temperatures over the range that the surfaces passed, ends included."""
+        """Try eight melting temperatures over the range of the surfaces, ends included."""
         return tuple({"T_m": low + float(share) * (high - low)} for share in np.linspace(0.0, 1.0, 8))
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:

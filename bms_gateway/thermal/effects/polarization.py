@@ -1,4 +1,4 @@
-"""Slow polarisation: an overpotential that builds up behind the current."""
+"""Slow polarisation: an overpotential that follows the current with a delay."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from bms_gateway.thermal.point import Point
 
 
 class Polarization(Effect):
-    r"""One RC pair: R_1 takes the lagged current, and R_e keeps what acts at once.
+    r"""One RC pair: R_1 takes the lagged current, and R_e is the immediate part.
 
     .. math:: \tau \dot V_1 = I R_1 - V_1, \qquad q \to q + V_1^2 / R_1
     """
@@ -33,11 +33,11 @@ class Polarization(Effect):
     )
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Try a quick and a slow one."""
+        """Try a fast and a slow polarisation."""
         return ({"tau": 15.0}, {"tau": 60.0})
 
     def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats]:
-        """Mean square of the lagged current over each interval, A²; carried on: that current, A."""
+        """Mean square of the lagged current over each interval, A²; carry: that current, A."""
         tau = p["tau"]
         y, mean = lag(u.I, u.dt, tau, 0.0 if carry is None else float(carry[0]))
         gap = y[:-1] - u.I

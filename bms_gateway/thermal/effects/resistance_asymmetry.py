@@ -1,4 +1,4 @@
-"""Charging meets another resistance than discharging."""
+"""The resistance on charge differs from that on discharge."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ class ResistanceAsymmetry(Effect):
 
     .. math:: R_e \to R_e (1 + a) \quad \text{for } I < 0
 
-    In an interval that sees both directions the share of the charge that was moved inwards counts.
+    In an interval with both directions, the share of the inward charge counts.
     """
 
     name = "resistance_asymmetry"
@@ -28,7 +28,7 @@ class ResistanceAsymmetry(Effect):
     parameters = (EffectParameter("a", "excess on charge", "1", 1.0, 0.0, 0.3, -0.7, 2.0, probe=0.1),)
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Nothing where the current has one direction only: R_e says it all."""
+        """Return nothing if the current has one direction only: R_e then contains the whole resistance."""
         return ("a",) if np.any(u.I < 0.0) and np.any(u.I > 0.0) else ()
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:

@@ -9,9 +9,9 @@ from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 LEAST_SPAN = 0.05
-"""SOC span below which the slope cannot be told from R_e."""
+"""SOC span below which the slope cannot be distinguished from R_e."""
 CURVED_SPAN = 0.3
-"""SOC span from which on the bend can be told from the slope."""
+"""SOC span above which the curvature can be distinguished from the slope."""
 
 
 class ResistanceSoc(Effect):
@@ -36,7 +36,7 @@ class ResistanceSoc(Effect):
     )
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Slope, and bend too where the record spans enough of the range."""
+        """Return the slope, and the curvature too if the record spans enough of the range."""
         span = float(np.ptp(u.soc)) if "soc" in u.known else 0.0
         return () if span < LEAST_SPAN else ("s_1",) if span < CURVED_SPAN else ("s_1", "s_2")
 

@@ -13,8 +13,8 @@ class ResistanceTemperature(Effect):
 
     Notes
     -----
-    The prior is what lithium-ion cells have: kinetics and electrolyte between 20 and 35 kJ/mol, 2,000 to 4,000 K, and
-    less where a contact's share of R_e is large. Every part of the program takes it from here.
+    The prior is that of lithium-ion cells: kinetics and electrolyte between 20 and 35 kJ/mol, 2,000 to 4,000 K, and
+    less if a contact's share of R_e is large. Every part of the program uses this prior.
     """
 
     name = "resistance_temperature"

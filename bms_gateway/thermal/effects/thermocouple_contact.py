@@ -1,4 +1,4 @@
-"""One thermocouple sits badly: it reads partly the coolant."""
+"""One thermocouple has bad contact: it reads partly the coolant."""
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.parameters import Floats
@@ -22,5 +22,5 @@ class ThermocoupleContact(Effect):
     parameters = (EffectParameter("g", "share of the coolant", "1", 1.0, 0.0, 0.2, -0.2, 0.8, probe=0.06),)
 
     def reading(self, z: Point, p: Values, at: Floats) -> None:
-        """Draw that sensor's reading towards the coolant."""
+        """Move that sensor's reading towards the coolant."""
         z.y = z.y + p["g"] * at * (z.T_f - z.T_s)

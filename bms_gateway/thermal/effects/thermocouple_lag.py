@@ -1,4 +1,4 @@
-"""Thermocouples answer late: glue, sleeve and bead have a heat capacity."""
+"""Thermocouples respond with a delay: glue, sleeve and bead have a heat capacity."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 QUICKEST = 0.5
-"""s: a quicker bead is not simulated, for it would be stiff; its delay is taken into the reading all the same."""
+"""s: least simulated time constant, because a smaller one would be stiff; the reading still has its delay."""
 
 
 class ThermocoupleLag(Effect):
@@ -17,8 +17,8 @@ class ThermocoupleLag(Effect):
 
     Notes
     -----
-    The own state lags by τ' = √(τ² + (0.5 s)²), and the reading takes the share τ/τ' of it: the mean delay is τ, and
-    none is left at τ = 0.
+    The own state lags by τ' = √(τ² + (0.5 s)²), and the reading contains the share τ/τ' of the lag: the mean delay is
+    τ, and zero for τ = 0.
     """
 
     name = "thermocouple_lag"
@@ -33,7 +33,7 @@ class ThermocoupleLag(Effect):
     parameters = (EffectParameter("tau", "time constant of the reading", "s", 1.0, 0.0, 6.0, 0.0, 60.0, probe=2.0),)
 
     def rest(self, T_c: Floats, T_s: Floats, p: Values) -> Floats:
-        """Start with the bead as warm as the surface."""
+        """Start with the bead at the temperature of the surface."""
         return np.asarray(T_s)[..., None]
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:

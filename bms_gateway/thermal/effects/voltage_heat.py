@@ -1,4 +1,4 @@
-"""Irreversible heat from the measured voltage, whatever the overpotential does."""
+"""Irreversible heat from the measured voltage, for any overpotential."""
 
 import numpy as np
 
@@ -10,21 +10,21 @@ from bms_gateway.thermal.point import Point
 
 KNOTS = np.array([0.05, 0.275, 0.5, 0.725, 0.95])
 REACH = 0.1125
-"""A knot is told by a record that comes within half a knot spacing of it."""
+"""A record determines a knot if it comes within half a knot spacing of it."""
 
 
 def _departure(number: int) -> EffectParameter:
     text = f"departure from it at {100.0 * KNOTS[number - 1]:.3g} % SOC"
-    # 0.2 V: LFP moves by 0.1 V over the range, NMC by 0.7
+    # 0.2 V: LFP changes by 0.1 V over the range, NMC by 0.7
     return EffectParameter(f"U_{number}", text, "V", 1.0, 0.0, 0.2, -1.0, 1.0, probe=0.05)
 
 
 class VoltageHeat(Effect):
-    r"""The gap between open-circuit and terminal voltage times the current, in place of I²R_e.
+    r"""The difference between open-circuit and terminal voltage times the current, instead of I²R_e.
 
     .. math:: q = \overline{I} \, U(\mathrm{SOC}) - \overline{I V}
 
-    U is a level plus a departure at each of five knots, straight between them. Intervals without a voltage keep I²R_e.
+    U is a level plus a difference at each of five knots, linear between them. Intervals without a voltage keep I²R_e.
     """
 
     name = "voltage_heat"
@@ -42,16 +42,16 @@ class VoltageHeat(Effect):
     )
 
     def determined(self, u: Drive) -> tuple[str, ...]:
-        """Level, and the knots that the record came near to."""
+        """Return the level, and the knots near the recorded range."""
         if not {"voltage", "soc"} <= u.known:
             return ()
         low, high = float(np.min(u.soc)) - REACH, float(np.max(u.soc)) + REACH
         return ("U", *(f"U_{k}" for k, knot in enumerate(KNOTS, 1) if low <= knot <= high))
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:
-        """Put the voltage's heat in the place of I²R_e where there is a voltage.
+        """Replace I²R_e by the voltage's heat where there is a voltage.
 
-        The voltage is the mean of the cells': one of more resistance has its share of the heat.
+        The voltage is the mean of the cells; a cell with more resistance gets more of the heat.
         """
         U = p["U"] + by_knots(z.soc, KNOTS, [p[f"U_{k}"] for k in (1, 2, 3, 4, 5)])
         heat = (z.I * U - z.IV) * z.R_e / np.mean(z.R_e, axis=-1, keepdims=True)

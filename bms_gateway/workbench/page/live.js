@@ -1,8 +1,8 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
-import { $, el, post, attempt, complain, counted, clock, fixed, many, moment, sentence, wallMs, when } from "./util.js";
+import { $, LOST, el, post, attempt, complain, counted, clock, fixed, many, moment, plain, sentence, wallMs, when } from "./util.js";
 import * as past from "./past.js";
 
-// Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
+// Cividis, told apart with any common colour blindness, dark to light as the hottest point of the cell gets hotter.
 const SCALE = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
 const SVG = "http://www.w3.org/2000/svg";
 // The scale ends at the limit of the cores and does not move; near the limit and over it cells have colours of their own.
@@ -41,9 +41,9 @@ export function prepare(known, grafana) {
     el("div", { class: "card" }, el("dt", { id: `${id}-title` }, ""), el("dd", { class: "value words", id: `${id}-value` }, "–"), el("dd", { id: `${id}-line` }, ""))));
   rows = about.strings.map((s) => string(s));
   $("panel-live").append(controls, el("section", { id: "banner", "aria-label": "Alerts", hidden: true }, el("h3", { id: "banner-title", role: "alert" }), el("ul", { id: "banner-list" })), el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
-    el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K, as all bands here; coolant flows from left to right. ",
-      `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
-      el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
+    el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K, as all bands here; coolant flows from left to right. Colour: the hottest point inside the cell, ",
+      `${plain(limit - BELOW_K)} °C `, el("span", { class: "scale", id: "scale" }), ` ${plain(limit - NEAR_K)} °C · `,
+      el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${plain(limit - NEAR_K)} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${plain(limit)} °C and over`,
       " · Dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
     ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
@@ -73,7 +73,7 @@ export function listen(on) {
 }
 let gone = false;
 function complainOnce(now) {
-  if (now !== gone) complain(now ? "the workbench does not answer: is the program still running?" : "");
+  if (now !== gone) complain(now ? LOST : "");
   if (now && newest) { // what is shown is old from now on, whatever it says
     for (const r of rows) r.node.className = "live-string parked";
     put($("live-state"), `The workbench does not answer: what is shown is of ${when(newest, newest.at)}, and may be long past.`);
@@ -103,7 +103,7 @@ function picture(p) {
   const b = p.bus;
   card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
-  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "All are used.");
+  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "All that came are used.");
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
   card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
   events(p);
@@ -153,7 +153,7 @@ function events(p, again = false) {
   const told = JSON.stringify(list);
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
-  const head = el("thead", {}, el("tr", {}, ...["Last", "First", "Times", "", "String", "What", "Seen"].map((t) => el("th", { scope: "col" }, t))));
+  const head = el("thead", {}, el("tr", {}, ...["Last", "First", "Times", "Level", "String", "What", "Seen"].map((t) => el("th", { scope: "col" }, t))));
   $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
     el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
     el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text), el("td", {}, seen(e))))
@@ -184,16 +184,16 @@ function row(r, s, state) {
     c.last = now;
     const word = about.words[q], hottest = Math.max(core ?? -Infinity, centre ?? -Infinity);
     put(c.core, degrees(core)); put(c.half, half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
-    const [red, green, blue] = core === null ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((core - limit + BELOW_K) / (BELOW_K - NEAR_K));
+    const [red, green, blue] = core === null ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((hottest - limit + BELOW_K) / (BELOW_K - NEAR_K));
     c.node.style.background = `rgb(${red},${green},${blue})`;
-    c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
+    c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
+    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C`);
   const f = s.ahead;
-  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
+  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min` : "");
   put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const by = new Map();
   s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });

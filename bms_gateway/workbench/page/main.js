@@ -1,5 +1,5 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, get, post, upload, ui, keep, attempt, complain, fault, sentence, claim as claimed, desked } from "./util.js";
+import { $, LOST, answers, get, post, upload, ui, keep, attempt, complain, fault, runs, sentence, claim as claimed, desked } from "./util.js";
 import * as columns from "./open.js";
 import * as kept from "./kept.js";
 import * as plots from "./plots.js";
@@ -42,6 +42,7 @@ async function refresh() {
       version = state.version;
       job(state.job);
       fault(state.error);
+      runs(state.job?.title);
       road.show(state);
       if (!state.job?.trial) plots.trying(null);
       await plots.show(state, fresh);
@@ -84,7 +85,7 @@ function listen() {
   source.onerror = () => {
     if (source.readyState === EventSource.CLOSED) { again(); return; }
     lost = true;
-    complain("the workbench does not answer: is the program still running?");
+    complain(LOST);
   };
 }
 
@@ -119,13 +120,15 @@ async function again() {
     }
   }
   looking = false;
+  version = -1; // what was asked for meanwhile is fetched now
   listen();
+  refresh();
 }
 
 // This tab's desk; a fresh one where there is none, or the program was started anew.
 async function claim() {
   if (ui.desk) {
-    try { await get("state"); return; } catch (e) { if (e.lost) throw e; /* a fresh one, below */ }
+    try { await get("state"); answers(); return; } catch (e) { if (e.lost) throw e; /* a fresh one, below */ }
   }
   keep({ desk: (await post("desk")).desk });
   complain("");
@@ -176,6 +179,7 @@ async function start() {
   $("dismiss").addEventListener("click", () => complain(""));
   $("cancel").addEventListener("click", () => road.work("cancel"));
   for (const s of STEPS) $(`tab-${s}`).addEventListener("click", () => step(s));
+  addEventListener("busy", refresh);
   addEventListener("tab", (e) => step(e.detail));
   addEventListener("keydown", keys);
   document.addEventListener("visibilitychange", () => { live.listen(ui.tab === "live" && !document.hidden); listen(); });
@@ -183,6 +187,7 @@ async function start() {
   road.prepare();
   const [site] = await Promise.all([get("site"), alone().then(claim)]);
   claimed();
+  addEventListener("lost", () => setTimeout(again, AGAIN_MS));
   if (site.watch) live.prepare(site.watch, site.grafana);
   const given = sessionStorage.getItem("seen");
   sessionStorage.setItem("seen", "1");

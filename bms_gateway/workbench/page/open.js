@@ -112,12 +112,20 @@ function line(g, r) {
   const [scale, told] = SHOWN[c.in] ?? [1, c.in];
   const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4)))).replace("-", "−");
   const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
-  return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
+  return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, firsts(c.cells).join("  ")),
     el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? Guessed${r.why ? `: ${r.why}` : ""}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
 }
 
 // A number to a few digits, with the mark that it has.
 const short = (text) => (/^-0*[.,]?0*$/.test(text) && text.includes("0") ? "0" : text.length > 12 ? `${text.slice(0, 11)}…` : text.replace(/([.,]\d*?[1-9]?)0+$/, "$1").replace(/[.,]$/, ""));
+
+// The first two values; of two that begin alike, such as dates, the second by what comes after its last blank.
+const LIKE = 11;
+function firsts(cells) {
+  const [one, other] = cells, end = /[\sT](\S{1,12})$/.exec(other ?? "")?.[1].replace(/^.*T/, "");
+  if (!end || one.length > 24 || one === other || one.slice(0, LIKE) !== other.slice(0, LIKE)) return cells.slice(0, 2).map(short);
+  return [one, `…${end}`];
+}
 
 // A curve of the first values, without axes.
 function curve(points) {
@@ -141,12 +149,20 @@ function again() {
   waiting = setTimeout(() => { waiting = 0; ask().catch((e) => complain(e.message)); }, 200);
 }
 
-// What was chosen last is looked at before the tables are opened: a reload shows it then.
+// What was chosen last is looked at, and shown, before the tables are opened: a reload shows it then, and columns that are guessed are said to the reader.
+const LOOKS_MS = 200;
 export async function settled() {
-  if (!waiting) return;
-  clearTimeout(waiting);
-  waiting = 0;
-  await ask();
+  if (waiting) {
+    clearTimeout(waiting);
+    waiting = 0;
+    await ask();
+  }
+  await asked.catch(() => null); // what was wrong with it is told where it was asked for
+  for (;;) {
+    const state = await get("state");
+    if (state.job?.kind !== "look") { show(state.looked, Boolean(state.opened)); return; }
+    await new Promise((done) => setTimeout(done, LOOKS_MS));
+  }
 }
 
 export const tables = () => $("tables").value.split("\n").map((t) => t.trim()).filter(Boolean);
@@ -180,7 +196,7 @@ export function fill(given) {
   $("form-cooling").value = take((w) => ["still", "forced", "plate", "liquid"].includes(w));
   $("form-cell").value = words.join(" ");
   for (const k of ["cells", "sensors", "flow"]) $(`form-${k}`).value = given?.[k] ?? "";
-  $("form-medium").value = given?.medium ?? "liquid";
+  $("form-medium").value = given?.medium ?? "";
   $("describe").open = Boolean(given);
 }
 

@@ -26,7 +26,7 @@ export function build(known, name, jump, grafana) {
   const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
     el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
     el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS), ...[["from", "from "], ["to", "to "]].map(([k, t]) => el("span", { class: "moment" }, el("label", { for: `past-${k}` }, t),
-      el("input", { id: `past-${k}`, autocomplete: "off", step: "1", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } }))),
+      el("input", { id: `past-${k}`, autocomplete: "off", spellcheck: "false", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } }))),
     el("a", { id: "export", class: "file", download: "estimates.csv" }, "Export its estimates (CSV)"),
     el("a", { id: "export-signals", class: "file", download: "" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
@@ -57,11 +57,20 @@ function choose(from, to) {
 const dated = () => latest?.wall_ms != null;
 const written = (s) => {
   if (!dated()) return clock(s - shown.first_s);
-  const at = new Date(1e3 * s);
-  return new Date(at - 6e4 * at.getTimezoneOffset()).toISOString().slice(0, 19);
+  const at = new Date(1e3 * s), two = (x) => String(x).padStart(2, "0");
+  return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${[at.getHours(), at.getMinutes(), at.getSeconds()].map(two).join(":")}`;
 };
-function moment(text) {
-  if (dated()) return new Date(text).getTime() / 1e3;
+// A date that the calendar has and a time, in the one form of this page whatever the browser's language; without its date, of the day that `beside` has.
+const DATED = /^(?:(\d{4})-(\d{1,2})-(\d{1,2})[ T]+)?(\d{1,2}):(\d\d)(?::(\d\d)([.,]\d+)?)?$/;
+function local(text, beside) {
+  const found = DATED.exec(text.trim()), [day] = beside.split(" ");
+  if (!found) return NaN;
+  const [year, month, date] = found[1] ? found.slice(1, 4).map(Number) : day.split("-").map(Number), [hour, minute, second] = found.slice(4, 7).map((x) => Number(x ?? 0));
+  const at = new Date(year, month - 1, date, hour, minute, second);
+  return at.getMonth() === month - 1 && at.getDate() === date && hour < 24 && minute < 60 && second < 60 ? at / 1e3 + Number((found[7] ?? "0").replace(",", ".")) : NaN;
+}
+function moment(text, beside) {
+  if (dated()) return local(text, beside);
   const parts = text.trim().split(":").map((x) => (/^\d+([.,]\d+)?$/.test(x) ? Number(x.replace(",", ".")) : NaN));
   return parts.length <= 3 ? shown.first_s + parts.reduce((all, x) => 60 * all + x, 0) : NaN;
 }
@@ -70,7 +79,8 @@ function fields() {
   for (const [k, s] of Object.entries({ from: ends()[0], to: ends()[1] })) {
     const field = $(`past-${k}`);
     if (document.activeElement === field) continue;
-    field.type = dated() ? "datetime-local" : "text";
+    field.placeholder = dated() ? "2026-03-01 14:05:00" : "0:12:30";
+    field.classList.toggle("dated", dated());
     field.value = field.dataset.told = written(shown.first_s + s);
     field.dataset.s = shown.first_s + s; // seconds are written whole
   }
@@ -79,8 +89,8 @@ function fields() {
 function typed() {
   const both = ["from", "to"].map((k) => $(`past-${k}`));
   if (!shown?.t.length || both.every((f) => f.value === f.dataset.told)) return;
-  const [from, to] = both.map((f) => (f.value === f.dataset.told ? Number(f.dataset.s) : moment(f.value)));
-  if (Number.isNaN(from) || Number.isNaN(to)) complain(dated() ? "a date and a time are needed" : "a time such as 0:12:30 is needed");
+  const [from, to] = both.map((f) => (f.value === f.dataset.told ? Number(f.dataset.s) : moment(f.value, f.dataset.told)));
+  if (Number.isNaN(from) || Number.isNaN(to)) complain(dated() ? "a date and a time such as 2026-03-01 14:05:00 are needed" : "a time such as 0:12:30 is needed");
   else if (from >= to) complain("the end of the stretch must be after its start");
   else {
     complain("");

@@ -114,7 +114,7 @@ function wrapped(traces, node, layout) {
     if (t.showlegend !== false && t.type !== "heatmap") rows.set(t.name, parts.length);
     return { ...t, name: parts.join("<br>") };
   });
-  const more = [...rows.values()].reduce((sum, n) => sum + LINE * n + BETWEEN, 0);
+  const more = layout.showlegend === false ? 0 : [...rows.values()].reduce((sum, n) => sum + LINE * n + BETWEEN, 0);
   Object.assign(layout, { margin: { ...layout.margin, t: layout.margin.t + more }, height: layout.height + more });
   return found;
 }
@@ -166,21 +166,24 @@ async function draw(place) {
     layout.shapes = [...(layout.shapes ?? []), ...themed(measure.lines())];
   }
   // names of additions are long: the buttons of the plot get a row of their own above them
-  if (["surface", "core"].includes(place) && state.steps.length > 2 && innerWidth > NARROW) {
+  if (["surface", "core"].includes(place) && innerWidth > NARROW) {
     layout.margin = { ...layout.margin, t: layout.margin.t + BUTTONS };
     layout.height += BUTTONS;
   }
+  if (place === "surface" && ui.closeUp) layout.yaxis2.range = reach(figure) ?? layout.yaxis2.range;
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
   const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
   const over = figure.data.filter((t) => t.name === "thermocouple in the core");
   const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...tracks.curves(spec.figure, dark(), ticked(state.steps).at(-1)?.name), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
   if (place === "map") {
-    const [low, high] = layout.coloraxis.range;
+    const own = figure.steps?.find((s) => s.name === ticked(state.steps).at(-1).name)?.span?.coloraxis;
+    const [low, high] = (!ui.sameColors && own) || layout.coloraxis.range;
     layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
     $("map-title").textContent = `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`;
   }
-  if (place === "core") unknown(layout);
+  if (place === "core") unknown(layout, 0.9 * (node.clientWidth - layout.margin.l - layout.margin.r));
+  if (place === "noise") beyond(layout, figure);
   const shown = wrapped(data, node, layout);
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
@@ -215,11 +218,37 @@ async function draw(place) {
   }
 }
 
-// Says in the picture of a core that the newest ticked step knows too little of it to draw one.
-function unknown(layout) {
+// Where the residuals of the ticked steps lie, with an edge; null before a step is there.
+function reach(figure) {
+  const names = ticked(state.steps).map((s) => s.name), own = (figure.steps ?? []).filter((s) => names.includes(s.name) && s.span?.yaxis2).map((s) => s.span.yaxis2);
+  if (!own.length) return null;
+  const low = Math.min(...own.map((s) => s[0])), high = Math.max(...own.map((s) => s[1])), edge = 0.05 * Math.max(high - low, 0.1);
+  return [low - edge, high + edge];
+}
+
+// Scales of the residual: the axis is that of all steps, the colours are those of the step in the map, until a person wishes otherwise.
+for (const [id, key] of [["close-up", "closeUp"], ["same-colors", "sameColors"]]) {
+  $(id).checked = ui[key];
+  $(id).addEventListener("change", () => { keep({ [key]: $(id).checked }); draw(id === "close-up" ? "surface" : "map").catch((e) => complain(e.message)); });
+}
+
+// Says in the picture of a core that the newest ticked step knows too little of it to draw one, or on what its band rests.
+function unknown(layout, width) {
   const c = cells()?.[ui.cell - 1];
+  if (c && c.core_C !== null && c.assumed_percent !== null) note(layout, [`no thermocouple: ± ${K(c.core_95_K, 2)}`, ...lines(assumed(c).slice(2), width)].join("<br>"), dark() ? "#ffc46b" : "#8a4b00");
   if (!c || c.core_C !== null) return;
-  layout.annotations = [...(layout.annotations ?? []), { text: `<b>Core not known: ± ${K(c.core_95_K)}</b>`, xref: "paper", yref: "paper", x: 0.5, y: 0.98, yanchor: "top", showarrow: false, bgcolor: themed("#ffffff"), font: { size: 13, color: dark() ? "#ff8a94" : "#b00020" } }];
+  note(layout, `<b>Core not known: ± ${K(c.core_95_K, 2)}</b>`, dark() ? "#ff8a94" : "#b00020");
+}
+function note(layout, text, color) {
+  layout.annotations = [...(layout.annotations ?? []), { text, xref: "paper", yref: "paper", x: 0.5, y: 0.98, yanchor: "top", showarrow: false, bgcolor: themed("#ffffff"), font: { size: 13, color } }];
+}
+
+// Says how many readings lie beyond the ends of the histogram, of each ticked step in its colour.
+function beyond(layout, figure) {
+  const order = state.steps.map((s) => s.name), names = ticked(state.steps).map((s) => s.name);
+  const far = (figure.steps ?? []).filter((s) => names.includes(s.name) && s.beyond > 0);
+  layout.annotations = far.map((s, i) => ({ text: `${s.beyond < 0.01 ? "under 1" : Math.round(100 * s.beyond)} % beyond ± 6 sd`, xref: "paper", yref: "paper", x: 0.01, y: 1, yanchor: "top", yshift: -15 * i, showarrow: false,
+    bgcolor: themed("#ffffff"), font: { size: 12, color: colorOf(order.indexOf(s.name)) } }));
 }
 
 // All of the time that is drawn: that of the record, and of those that are laid over it.
@@ -352,7 +381,7 @@ function choices() {
   select.replaceChildren(...state.opened.records.map((r, i) => el("option", { value: i, selected: i === ui.record, title: r.source }, called(r, i))));
   select.onchange = () => { range = null; keep({ record: Number(select.value) }); show(state); };
   const box = $("variants"), told = JSON.stringify([state.steps.map((s) => [s.name, s.core?.proven]), ui.off, dark()]);
-  box.hidden = state.steps.length < 2;
+  box.hidden = $("close-up-choice").hidden = $("same-colors-choice").hidden = state.steps.length < 2;
   if (box.dataset.told !== told) {
     box.dataset.told = told;
     const focused = document.activeElement?.id;
@@ -380,6 +409,9 @@ function tint(ratio) {
   return `rgb(${mix(255, 240)},${mix(255, 140)},${mix(255, 20)})`;
 }
 
+// On what the band of a core rests whose cell has no thermocouple.
+const assumed = (c) => (c.assumed_percent === null ? "" : `, if its R_e is that of the other cells to within ${Number(c.assumed_percent.toPrecision(2))} % (1 sd)`);
+
 function string() {
   const known = cells();
   const nodes = [];
@@ -390,7 +422,7 @@ function string() {
     const sensed = state.opened.sensors.includes(k);
     const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K, 2);
     const label = `cell ${k}: ${sensed ? (c ? `error ${K(c.error_K)}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
-      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K)})` : `; core up to ${c.core_C.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)`);
+      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K, 2)})` : `; core up to ${c.core_C.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)${assumed(c)}`);
     if (k === ui.cell) $("cell-told").textContent = `${label[0].toUpperCase()}${label.slice(1)}`; // all that a finger can reach
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label, "aria-label": label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,

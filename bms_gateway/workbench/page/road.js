@@ -3,10 +3,19 @@ import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many
 import * as columns from "./open.js";
 import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
+import { noteBox, noted, withNotes } from "./notes.js";
 
 let state = null;
 export const busy = () => Boolean(state?.job);
-export const work = (what, body) => attempt(() => post(what, body))();
+// A double click asks once.
+const DOUBLE_MS = 500;
+let asked = { told: "", at: -DOUBLE_MS };
+function twice(what, body) {
+  const at = performance.now(), told = JSON.stringify([what, body]), again = asked.told === told && at - asked.at < DOUBLE_MS;
+  asked = { told, at };
+  return again;
+}
+export const work = async (what, body) => { if (!twice(what, body)) await attempt(() => post(what, body))(); };
 export const diagnose = () => work("diagnose");
 export const undo = () => work("undo");
 
@@ -22,8 +31,15 @@ const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role:
 
 export function prepare() {
   $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
-  $("open-form").addEventListener("submit", attempt(async (e) => {
+  let opening = false; // a second click asks for nothing more
+  $("open-form").addEventListener("submit", (e) => {
     e.preventDefault();
+    if (opening) return;
+    opening = true;
+    open().finally(() => { opening = false; });
+  });
+  const open = attempt(async () => {
+    await taking; // files that were chosen are there first
     await columns.settled();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
@@ -31,7 +47,7 @@ export function prepare() {
     uploadsOpened();
     replaced = [];
     unkept();
-  }));
+  });
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
   $("tables").addEventListener("change", columns.prepare);
   $("describe").addEventListener("toggle", columns.offer);
@@ -97,11 +113,22 @@ export function unkept() {
 }
 
 async function sessionIn(file) {
-  try { return JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
+  let found = null;
+  try { found = JSON.parse(await file.text()); } catch { /* told below */ }
+  if (found === null || typeof found !== "object" || Array.isArray(found)) throw new Error(`${file.name}: no session file of the workbench`);
+  return found;
+}
+
+// Files on their way; what goes wrong with them is told where they were chosen.
+let taking = Promise.resolve();
+function take(files, field = null) {
+  const mine = taken(files, field);
+  taking = Promise.all([taking, mine.catch(() => null)]);
+  return mine;
 }
 
 // Uploads files into the field that they were chosen for, or by their kind where they were dropped; a session comes last.
-async function take(files, field = null) {
+async function taken(files, field) {
   const named = files.filter((f) => /\.json$/i.test(f.name));
   replaced = [];
   for (const file of apart(files.filter((f) => !named.includes(f)))) {
@@ -127,8 +154,8 @@ export function show(next) {
   if (state && next.steps.length > state.steps.length) field.value = "";
   const first = state?.files !== next.files && JSON.stringify(state?.files) !== JSON.stringify(next.files);
   state = next;
-  // what a restart of the program needs; while it goes its way again the longer way is kept
-  if (state.session && !state.job) keep({ session: state.session });
+  // what a restart of the program needs, at once; while it goes its way again the longer way is kept
+  if (state.session && !state.resuming) keep({ session: state.session });
   columns.show(state.looked, Boolean(state.opened));
   if (first && state.files) {
     const asked = state.session.files; // without what was made of them
@@ -149,8 +176,13 @@ export function show(next) {
   document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
   doubt(); opened(); compare(); verdict(); adding(); away();
-  for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
+  settle();
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
+}
+
+// While the desk works, nothing else can be asked of it.
+function settle() {
+  for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
 }
 
 // What is to be doubted of the newest model: said on every step, until it is no longer so.
@@ -175,7 +207,6 @@ function opened() {
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
     el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
-    ...o.records.filter((r) => r.unused.length).map((r) => el("p", { class: "alarm unused" }, `${several ? `${short(r.source)}: ` : ""}${many(r.unused.length, "temperature")} of the table ${r.unused.length === 1 ? "is" : "are"} not used, because the model has no sensor there: cell${r.unused.length === 1 ? "" : "s"} ${counted(r.unused)}.`)),
     el("h3", {}, "Direct checks"),
     o.checks.length
       ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, sentence(`${c.weight}: `)), by(c) + c.sentence)))
@@ -256,7 +287,7 @@ function effect(r, i, d) {
       const rest = ui.open.filter((x) => x !== id);
       keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
       verdict();
-      for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
+      settle();
       $(id)?.focus({ preventScroll: true });
     } },
     el("span", { class: "name" }, named(r)),
@@ -274,16 +305,16 @@ const named = (r) => (r.effects.length ? r.effects.map((e) => `${e.title} (${e.k
 function told(r, d) {
   const list = el("dl", {});
   const say = (term, text) => { if (text) list.append(el("dt", {}, term), el("dd", {}, text)); };
-  say("Why not", r.refused);
-  say(d.error, r.error_K === null ? "" : `${K(r.error_K)}${r.without_K === null ? "" : `; without it ${K(r.without_K)}`}`);
-  say("Probability", r.share === null ? "" : `${(100 * r.share).toFixed(0)} %`);
+  say("Why not", sentence(r.refused));
+  say(sentence(d.error), r.error_K === null ? "" : `${K(r.error_K)}${r.without_K === null ? "" : `; without it ${K(r.without_K)}`}`);
+  say("Probability among what was compared", r.share === null ? "" : r.share > 0.995 ? "over 99 %" : r.share < 0.005 ? "under 1 %" : `${(100 * r.share).toFixed(0)} %`);
   say("Its numbers, ± 1 sd", r.numbers.join("; "));
   say("These data cannot tell it from", r.tied.join(", "));
   for (const e of r.effects) {
     list.append(el("dt", {}, "Equation"), el("dd", {}, el("pre", {}, e.equation)));
-    say("How it shows", e.signature);
+    say("How it shows", sentence(e.signature));
     say("Parameters", e.parameters.join("; "));
-    say("Needs", e.needs);
+    say("Needs", sentence(e.needs));
     say("Looks like", e.confused_with.join(", "));
   }
   const keys = r.effects.map((e) => e.key).filter((k) => !inModel(k));
@@ -357,8 +388,7 @@ export function trial(found) {
   if (!state || !found) return;
   const first = !state.job?.trial;
   state.job = { ...state.job, trial: found };
-  if (first || stairs.hidden) adding();
-  else climb();
+  if (first || stairs.hidden) { adding(); settle(); } else climb();
 }
 
 // One and the same, however often the panel is drawn anew: what is being typed into it stays.
@@ -417,45 +447,19 @@ function chosenOne() {
   add(keys);
 }
 
-// One and the same too: what is being written stays, and is kept a moment after the last key.
-const NOTES_MS = 600;
-const notes = el("textarea", { id: "notes-text", rows: "5", maxlength: "10000", oninput: () => { clearTimeout(writing); writing = setTimeout(kept, NOTES_MS); }, onchange: () => kept() });
-const noteBox = el("div", {}, el("label", { for: "notes-text" }, "Notes, which the session file takes along"), notes);
 const takeFiles = el("div", {}), takeLines = el("div", {});
-let writing = 0, saved = "";
-const kept = attempt(async () => {
-  clearTimeout(writing);
-  const text = notes.value;
-  if (text === saved) return;
-  await post("note", { notes: text });
-  saved = text;
-});
-
-// Other notes than those that this tab sent come with a session that is opened.
-function noted() {
-  const now = state.session?.notes ?? "";
-  if (now !== saved && notes.value === saved) { notes.value = now; saved = now; }
-}
-
-async function session(e) {
-  if (notes.value === saved) return; // the link does it
-  e.preventDefault();
-  const { href } = e.currentTarget;
-  await kept();
-  if (notes.value === saved) el("a", { href, download: "session.json" }).click();
-}
 
 function away() {
   const box = $("panel-take");
   if (!state.steps.length) { box.replaceChildren(el("h2", {}, "Take away"), ...none(NOTHING)); return; }
   if (!noteBox.isConnected) box.replaceChildren(el("h2", {}, "Take away"), takeFiles, noteBox, takeLines);
-  noted();
+  noted(state.session?.notes ?? "");
   const name = state.config.match(/model = "(.*)"/)?.[1] ?? "model.toml";
   const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
   takeFiles.replaceChildren(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
-    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: session }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
+    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: withNotes }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
   const file = (read) => `/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name: read })}`;
   takeLines.replaceChildren(
     el("h3", {}, "The same by commands"),

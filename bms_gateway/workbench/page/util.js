@@ -17,7 +17,7 @@ export function el(tag, attributes = {}, ...children) {
 // What a reload keeps, of this tab alone.
 const KEPT = "workbench";
 export const ui = Object.assign(
-  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null, uploads: {}, opened: {}, unkept: {} },
+  { desk: "", tab: "open", record: 0, cell: 0, off: [], closeUp: false, sameColors: false, session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null, uploads: {}, opened: {}, unkept: {} },
   JSON.parse(sessionStorage.getItem(KEPT) || "{}"),
 );
 export const keep = (change = {}) => {
@@ -29,6 +29,8 @@ export const keep = (change = {}) => {
 export const many = (n, one, several = `${one}s`) => `${n} ${n === 1 ? one : several}`;
 // A number to so many decimals, without the sign of a nought.
 export const fixed = (x, decimals) => { const text = x.toFixed(decimals); return Number(text) ? text.replace("-", "−") : text.replace("-", ""); };
+// A setting, or a difference of settings, to hundredths at most: 47.8 − 50 is −2.2, not −2.200000000000003.
+export const plain = (x) => String(Number(x.toFixed(2))).replace("-", "−");
 // A sentence begins with a capital letter; what begins with a name, such as that of a file, stays as it is.
 export const sentence = (text) => (/^[a-z]+[ ,:;] ?[^/]/.test(text ?? "") && !/^[a-z]+:\S/.test(text) ? text[0].toUpperCase() + text.slice(1) : text);
 
@@ -39,11 +41,15 @@ function say(text) {
 }
 
 // What went wrong with a wish stays until the next wish; the desk takes back only what it has said itself.
-let ofDesk = "";
-export function complain(text) {
+let ofDesk = "", during = "";
+export function complain(text, busy = "") {
   ofDesk = "";
+  during = busy;
   say(text);
 }
+// That something else ran, by its title, is true only while it runs.
+export const runs = (title) => { if (during && during !== title) complain(""); };
+export const answers = () => { if ($("error-text").textContent === sentence(LOST)) complain(""); };
 export function fault(text) {
   if (text ? text !== ofDesk : ofDesk) say(text);
   ofDesk = text;
@@ -53,13 +59,15 @@ async function answered(response) {
   let document = null;
   try { document = await response.json(); } catch { /* told below */ }
   if (response.ok && document) return document;
-  throw new Error(document?.error || `the workbench answered ${response.status}`);
+  throw Object.assign(new Error(document?.error || `the workbench answered ${response.status}`), { busy: document?.busy });
 }
 
+export const LOST = "the workbench does not answer: is the program still running?";
 async function asked(url, how) {
   let response;
   try { response = await fetch(url, how); } catch {
-    throw Object.assign(new Error("the workbench does not answer: is the program still running?"), { lost: true });
+    dispatchEvent(new Event("lost")); // main.js looks for the program until it answers
+    throw Object.assign(new Error(LOST), { lost: true });
   }
   return answered(response);
 }
@@ -97,7 +105,10 @@ export const attempt = (work) => async (...words) => {
   try {
     complain("");
     await until(() => work(...words));
-  } catch (e) { complain(e.message); }
+  } catch (e) {
+    complain(e.message, e.busy);
+    if (e.busy) dispatchEvent(new Event("busy")); // it may have ended meanwhile
+  }
 };
 
 export const K = (x, digits = 3) => (x === null || x === undefined ? "–" : x === 0 ? "0 K" : `${amount(x, digits)} K`);

@@ -1,4 +1,4 @@
-"""What the service's loop needs of an engine, and no more: tests put simpler ones in its place."""
+"""The methods of an engine that the service's loop needs; tests use simpler engines with the same methods."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -8,16 +8,16 @@ from bms_gateway.frames.batch import FrameBatch
 
 
 class LiveEngine(Protocol):
-    """What the shell needs of the engine; it tells it in `dropped` how many frames the port has lost."""
+    """What the service needs of the engine; the service writes the number of frames lost in the port to `dropped`."""
 
     dropped: int
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
-        """Take frames in."""
+        """Receive frames."""
         ...
 
     def next_deadline(self) -> int | None:
-        """Bus time at which `handle_timer` is wanted, or None."""
+        """Bus time at which `handle_timer` must be called, or None."""
         ...
 
     def handle_timer(self, *, now_ns: int) -> None:
@@ -25,13 +25,13 @@ class LiveEngine(Protocol):
         ...
 
     def next_output(self) -> Event | None:
-        """Give the next event, or None."""
+        """Return the next event, or None."""
         ...
 
     def finish(self, job_id: int, result: object) -> None:
-        """Take the result of a job."""
+        """Use the result of a job."""
         ...
 
     def snapshot(self) -> Mapping[str, object]:
-        """State to go on from; nothing in it changes any more when the engine goes on."""
+        """State for a restart; the engine never changes it afterwards."""
         ...

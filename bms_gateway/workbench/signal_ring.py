@@ -1,4 +1,4 @@
-"""The decoded signals of the live page, in a ring of its own on disk: what a window of them is diagnosed from.
+"""The decoded signals of the live page, in a ring of its own on disk, of which a window can be diagnosed.
 
 The ring is that of the service (`store.recent`). It lies in a folder of this program and is deleted with it.
 """
@@ -24,12 +24,12 @@ COMMAND: Final = "window"
 
 
 class Signals:
-    """The ring; ticks come from the thread of the engine, windows are asked for by others.
+    """The ring; ticks come from the engine's thread, other threads request windows.
 
     Parameters
     ----------
     engine : Engine
-        Is made to tell the samples that it believes.
+        It is set to report its accepted samples.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -41,7 +41,7 @@ class Signals:
         self._written_ns = 0
 
     def take(self, event: Decoded) -> None:
-        """Take in what was heard in one tick."""
+        """Add the samples of one tick."""
         self._recent.add(event, self._engine)
         if abs(event.time_ns - self._written_ns) > EVERY_NS:
             self._written_ns = event.time_ns
@@ -53,12 +53,12 @@ class Signals:
                 raise problem
 
     def table(self, string: int, last_s: float, until_ns: int | None, out: Path) -> Path:
-        """Write the signals of one string (from 0) in a stretch of time as a table; 0: all that is kept.
+        """Write the signals of one string (from 0) in a stretch of time as a table; 0: all stored ones.
 
         Raises
         ------
         GatewayError
-            Nothing was heard in this time.
+            There are no signals in this time.
         """
         self._write()
         name = self._name(string)
@@ -67,7 +67,7 @@ class Signals:
         return out
 
     def model(self, string: int, out: Path) -> Path:
-        """Write the model by which a string is estimated."""
+        """Write the model with which a string is estimated."""
         write_model(self._engine.plan.strings[string].model, out, f"Of {self._name(string)}, as the live page has it.")
         return out
 
@@ -78,6 +78,6 @@ class Signals:
         return strings[string].name
 
     def close(self) -> None:
-        """Throw it away."""
+        """Delete the ring."""
         shutil.rmtree(self.folder, ignore_errors=True)
         os.close(self._handle)

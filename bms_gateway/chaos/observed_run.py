@@ -10,7 +10,7 @@ from bms_gateway.engine.plan import Plan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from bms_gateway.frames.own_dbc import GATEWAY_STATUS, core_message
+from bms_gateway.frames.own_dbc import GATEWAY_STATUS, string_message
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Floats
 
@@ -102,7 +102,7 @@ class Bystander:
         self._cells = [(s.number, k) for s in plan.strings for k in range(1, s.model.cells + 1)]
         names = [f"{GATEWAY_STATUS}.state"]
         for number, k in self._cells:
-            message = core_message(number)
+            message = string_message(number, "core")
             names += [f"{message}.{part}_{k:02d}" for part in ("core", "core_sd", "quality")]
         self._table = database.compile(names)
         self.frames = 0
@@ -125,6 +125,8 @@ class Bystander:
 
     def take(self, frames: FrameBatch) -> None:
         """Read frames of the bus."""
+        if not len(frames):
+            return
         samples = decode(self._table, frames)
         self.frames += int(np.isin(frames.can_id, self._table.can_ids).sum())
         self._values[samples.signal] = np.where(samples.flag == Quality.GOOD, samples.value, np.nan)

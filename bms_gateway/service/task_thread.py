@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Worker:
-    """One thread, started with its first work.
+    """One thread, started with its first task.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Worker:
         self._thread: threading.Thread | None = None
 
     def submit(self, work: Callable[[], T]) -> "asyncio.Future[T]":
-        """Have something done after what was given before; to be called in an event loop, which gets the result."""
+        """Run a task after all earlier ones; to be called in an event loop, which gets the result."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
             self._thread.start()
@@ -55,10 +55,10 @@ class Worker:
         return asyncio.wrap_future(done)
 
     def close(self) -> None:
-        """Start nothing that is given from now on, and end once all that was given before is done."""
+        """Accept no more work, and end when all earlier work is done."""
         self._waiting.put(None)
 
     def _work(self) -> None:
         while (do := self._waiting.get()) is not None:
             do()
-            del do  # it holds what it was given until the next comes
+            del do  # otherwise it would keep its last work until the next one comes

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.bus.virtual import VirtualPack
-from bms_gateway.chaos.drive import CYCLE
+from bms_gateway.chaos.simulated_pack import CYCLE
 from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.signal_info import MessageInfo

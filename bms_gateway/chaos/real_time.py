@@ -24,9 +24,9 @@ from bms_gateway.bus.canframe import to_wire
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import RECEIVE_BUFFER, SocketCanPort
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive
-from bms_gateway.chaos.record import Bystander, Line, Record
+from bms_gateway.chaos.observed_run import Bystander, Line, Record
 from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judge
+from bms_gateway.chaos.simulated_pack import Drive
 from bms_gateway.engine import Engine, Event, Notice, Plan, StartJob
 from bms_gateway.engine.events import Job
 from bms_gateway.errors import BusError

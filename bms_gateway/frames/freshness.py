@@ -1,4 +1,4 @@
-"""How long the last value of a signal stays fresh, where multiplexed signals take turns in one message."""
+"""Time for which the last value of a signal stays fresh, if multiplexed signals take turns in one message."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -13,11 +13,11 @@ ROUNDS: Final = 3
 
 
 class Turns:
-    """Learns the round of each multiplexed signal from its samples; C channels.
+    """Learns the period of each multiplexed signal from its samples; C channels.
 
-    A DBC names the cycle of a message and the parts that can be in it. Whether all parts come in each cycle, or one
-    part a cycle, only the bus shows. The round is the shorter of the last two times between samples, so that one lost
-    sample does not lengthen it, and it is never longer than the DBC allows.
+    A DBC states the cycle of a message and its possible parts. Only the bus shows whether all parts come in each cycle,
+    or one part per cycle. The period is the shorter of the last two times between samples, so that one lost sample does
+    not lengthen it, and it is never longer than the DBC allows.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ class Turns:
         self._any = bool(self._longest_ns.any())
 
     def take(self, channel: NDArray[np.intp], time_ns: NDArray[np.int64], received_ns: NDArray[np.int64]) -> None:
-        """Take the samples of one interval.
+        """Include the samples of one interval.
 
         Parameters
         ----------
         channel, time_ns : ndarray (n,)
             In the order of the bus.
         received_ns : ndarray (C,)
-            Time of the sample before them of each channel, negative for none.
+            Time of each channel's previous sample, negative for none.
         """
         if not self._any:
             return

@@ -23,25 +23,25 @@ from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal.centre import hottest_of
-from bms_gateway.workbench.events import Events, alerts_now
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
+from bms_gateway.workbench.incidents import Events, alerts_now
 from bms_gateway.workbench.kept_ticks import KeptTicks, Tick
-from bms_gateway.workbench.signals import Signals
+from bms_gateway.workbench.signal_ring import Signals
 from bms_gateway.workbench.stretch import Ends, of_ends
 
 PERIOD_S: Final = 0.4
-"""Between two pictures: two and a half a second. Cells change slower; more would only cost."""
+"""Time between two pictures: two and a half a second. Cells change more slowly; more pictures would only cost time."""
 TREND: Final = 48
-"""Points of the trend of R_e: as many as its little figure has room for."""
+"""Points of the trend of R_e: as many as its small figure has room for."""
 MOST_VIEWS: Final = 16
-FARTHEST_S: Final = 1e10  # of a log's times none is; and of an integer of a thousand digits no float is made
+FARTHEST_S: Final = 1e10  # no time of a log is beyond; an integer of a thousand digits cannot become a float
 SPEEDS: Final = (1, 2, 5, 10, 20, 50, 100)
 BEHIND_NS: Final = 3_000_000_000
 """A tab that is nearer to the newest tick than this follows it."""
 STALE_S: Final = 3.0
-"""What is shown and older than this is no longer so."""
+"""Age above which shown values are marked as outdated."""
 HEAT_SDS: Final = 2.0
-"""Of the heat that no current makes: below, it may be none."""
+"""Distance from zero, in sd, of unexplained heat; below, it may be zero."""
 WORDS: Final = {int(q): q.name.lower().replace("_", " ") for q in Quality}
 WHY: Final = {int(q): text for q, text in REASONS.items()} | {
     int(Quality.GOOD): "measured and used",
@@ -52,7 +52,7 @@ WHY: Final = {int(q): text for q, text in REASONS.items()} | {
 
 @dataclass(slots=True)
 class _View:
-    """Where a tab looks: `at_ns` is None while it follows the newest tick."""
+    """Position of a tab in time: `at_ns` is None while it follows the newest tick."""
 
     at_ns: float | None
     playing: bool = True
@@ -66,14 +66,21 @@ class Watch:
     Parameters
     ----------
     engine : Engine
-        That listens only.
+        An engine that only listens.
     kind : {"live", "log"}
     title : str
-        Of the bus or the log.
+        Name of the bus or the log.
     bitrate : float
         Of the bus, bit/s.
     bus : callable
-        Gives received, dropped, bits and the state of the link so far.
+        Returns received, dropped, bits and the state of the link so far.
+
+    Attributes
+    ----------
+    ticks : KeptTicks
+    events : Events
+    kept_s : float
+        Arrival of the newest tick, by the monotonic clock.
     """
 
     def __init__(
@@ -90,22 +97,22 @@ class Watch:
         self._parked_s = engine.plan.silent_after_ns * 1e-9
         self._parts = list(_parts([s.plan.model.cells for s in engine.strings]))
         self._lock = threading.Lock()
-        self._ticks = KeptTicks(thinned=kind == "log")
-        self._events = Events()
+        self.ticks = KeptTicks(thinned=kind == "log")
+        self.events = Events()
         self.signals = Signals(engine)
-        engine.judging = True  # what drives the strings is a part of their past
+        engine.judging = True  # the inputs of the strings are a part of their past
         self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
         self._views: OrderedDict[str, _View] = OrderedDict()
         self._before: tuple[int, int, int] | None = None
         self._heard = (0, 0)  # wanted frames so far, and the end of the tick in which the newest came
-        self._kept = time.monotonic()
+        self.kept_s = time.monotonic()
         self.problem = ""
         """Why there will be no more ticks, as one line; empty while there may be."""
         self.whole = False
         """Whether a log has been read to its end."""
 
     def about(self) -> dict[str, Any]:
-        """Tell what does not change."""
+        """Return what does not change."""
         return {
             "kind": self.kind,
             "title": self.title,
@@ -129,16 +136,16 @@ class Watch:
     # written by whoever drives the engine
 
     def take(self, event: Event) -> None:
-        """Take the engine's next event."""
+        """Use the engine's next event."""
         if isinstance(event, Notice | Alerted):
             with self._lock:
-                self._events.take(event)
+                self.events.take(event)
         elif isinstance(event, Decoded):
             self.signals.take(event)
         elif isinstance(event, Estimated):
             self._keep(event)
-        elif isinstance(event, Judged) and self._ticks and self._ticks.last_ns == event.time_ns:
-            tick = self._ticks.at(event.time_ns)
+        elif isinstance(event, Judged) and self.ticks and self.ticks.last_ns == event.time_ns:
+            tick = self.ticks.at(event.time_ns)
             driven_by(tick.past, event)
             if event.frames != self._heard[0]:
                 self._heard = event.frames, event.time_ns
@@ -167,8 +174,8 @@ class Watch:
                 trend.append((time_ns, R_e.value, R_e.sd))
         tick = Tick(time_ns, cells, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
         with self._lock:
-            self._kept = time.monotonic()
-            self._ticks.add(tick)
+            self.kept_s = time.monotonic()
+            self.ticks.add(tick)
 
     def _traffic(self, time_ns: int) -> dict[str, Any]:
         now = self._bus()
@@ -200,20 +207,20 @@ class Watch:
                 view.speed = float(wish["speed"])
             if "play" in wish:
                 view.playing = bool(wish["play"])
-                if view.at_ns is None and self._ticks:
-                    view.at_ns = float(self._ticks.last_ns)
+                if view.at_ns is None and self.ticks:
+                    view.at_ns = float(self.ticks.last_ns)
             if "seek" in wish:
                 to = wish["seek"]
                 if isinstance(to, bool) or not isinstance(to, int | float) or not abs(to) < FARTHEST_S:
                     raise UsageError("seek: a time in s is needed")
-                if self._ticks:
-                    first, last = self._ticks.first_ns, self._ticks.last_ns
+                if self.ticks:
+                    first, last = self.ticks.first_ns, self.ticks.last_ns
                     view.at_ns = float(np.clip(first + to * 1e9, first, last))
             if wish.get("follow"):
                 view.at_ns, view.playing = None, True
 
     def stream(self, name: str) -> Iterator[str]:
-        """Give pictures as JSON, `PERIOD_S` apart; an empty text where nothing has changed."""
+        """Yield pictures as JSON, `PERIOD_S` apart; an empty text if nothing has changed."""
         last: dict[str, Any] | None = None
         while True:
             with self._lock:
@@ -226,36 +233,36 @@ class Watch:
 
     def _view(self, name: str) -> _View:
         if name not in self._views:
-            self._views[name] = _View(float(self._ticks.first_ns) if self.kind == "log" else None)
+            self._views[name] = _View(float(self.ticks.first_ns) if self.kind == "log" else None)
             if len(self._views) > MOST_VIEWS:
                 self._views.popitem(last=False)
         self._views.move_to_end(name)
         return self._views[name]
 
     def _move(self, view: _View) -> None:
-        """Let a tab's moment go on with the clock of the wall, at its speed."""
+        """Advance a tab's moment with the wall clock, at its speed."""
         now = time.monotonic()
         passed, view.moved = now - view.moved, now
-        if view.at_ns is None or not self._ticks:
+        if view.at_ns is None or not self.ticks:
             return
-        view.at_ns = max(view.at_ns, float(self._ticks.first_ns))
+        view.at_ns = max(view.at_ns, float(self.ticks.first_ns))
         if view.playing:
-            view.at_ns = min(view.at_ns + passed * view.speed * 1e9, float(self._ticks.last_ns))
-            if self.kind == "live" and view.speed >= 1 and self._ticks.last_ns - view.at_ns < BEHIND_NS and passed > 0:
+            view.at_ns = min(view.at_ns + passed * view.speed * 1e9, float(self.ticks.last_ns))
+            if self.kind == "live" and view.speed >= 1 and self.ticks.last_ns - view.at_ns < BEHIND_NS and passed > 0:
                 view.at_ns = None if view.speed > 1 else view.at_ns
 
     def _picture(self, view: _View) -> dict[str, Any]:
-        if not self._ticks:
+        if not self.ticks:
             return {"ticks": 0, "problem": self.problem, "link": self._bus()["link"]}
-        at = self._ticks.last_ns if view.at_ns is None else int(view.at_ns)
-        tick, first = self._ticks.at(at), self._ticks.first_ns
+        at = self.ticks.last_ns if view.at_ns is None else int(view.at_ns)
+        tick, first = self.ticks.at(at), self.ticks.first_ns
         age = (at - tick.time_ns) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0)
-        silent = age + tick.bus.get("silent_s", 0.0)  # the engine goes on for a while without frames
+        silent = age + tick.bus.get("silent_s", 0.0)  # the engine continues for a while without frames
         return {
-            "ticks": len(self._ticks),
+            "ticks": len(self.ticks),
             "problem": self.problem,
             "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
-            "last": round((self._ticks.last_ns - first) * 1e-9, 3),
+            "last": round((self.ticks.last_ns - first) * 1e-9, 3),
             "first_s": first * 1e-9,
             "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
             "age": round(age, 1),
@@ -268,11 +275,11 @@ class Watch:
             "speed": view.speed,
             "strings": self._strings(tick),
             "bus": tick.bus,
-            "events": self._events.grouped(tick.time_ns, first),
+            "events": self.events.grouped(tick.time_ns, first),
         }
 
     def history(self, name: str, string: int, span_s: float, ends: Ends | None = None) -> dict[str, Any]:
-        """Tell the past of one string (from 0): between `ends`, or until where a tab looks, `span_s` back; 0: all.
+        """Return the past of one string (from 0): between `ends`, or `span_s` back from the tab's moment; 0: all.
 
         Raises
         ------
@@ -281,21 +288,21 @@ class Watch:
         if not 0 <= string < len(self._parts):
             raise UsageError(f"history: string: valid are 0 to {len(self._parts) - 1}")
         with self._lock:
-            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
+            ticks = self.ticks.back(*self._stretch(name, span_s, ends))
             if not ticks:
                 return {"t": [], "marks": []}
-            ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self._ticks.first_ns
-            marks = self._events.marks(self._engine.strings[string].plan.name, *ends, first)
+            ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self.ticks.first_ns
+            marks = self.events.marks(self._engine.strings[string].plan.name, *ends, first)
         return {**history(ticks, string, first), "marks": marks, "first_s": first * 1e-9}
 
     def table(self, name: str, span_s: float, ends: Ends | None = None) -> Iterator[bytes]:
-        """Write what was estimated as CSV; the stretch is that of `history`, the clock that of the frames."""
+        """Write the estimates as CSV; the stretch is that of `history`, the clock that of the frames."""
         with self._lock:
-            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
+            ticks = self.ticks.back(*self._stretch(name, span_s, ends))
         return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS)
 
     def acknowledge(self, name: str, wish: Mapping[str, Any]) -> None:
-        """Mark the events of one kind and string as seen, until where a tab looks; the next one is new again.
+        """Mark the events of one kind and string as seen, until the tab's moment; the next one is new again.
 
         Raises
         ------
@@ -307,24 +314,24 @@ class Watch:
         code, string, reason = map(str, given)
         with self._lock:
             view = self._view(name)
-            until = self._ticks.last_ns if view.at_ns is None else int(view.at_ns)
-            self._events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
+            until = self.ticks.last_ns if view.at_ns is None else int(view.at_ns)
+            self.events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
 
     def events_table(self) -> bytes:
-        """Write all events as CSV, oldest first, with what was acknowledged; on the clock of the frames."""
+        """Write all events as CSV, oldest first, with acknowledgements; on the clock of the frames."""
         with self._lock:
-            return self._events.table()
+            return self.events.table()
 
     def stretch_ns(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, int]:
-        """Tell the first and the last moment, ns, of what is estimated in a stretch, which is that of `history`.
+        """Return the first and the last moment, ns, of the estimates in a stretch, which is that of `history`.
 
         Raises
         ------
         UsageError
-            Nothing was.
+            There are no estimates.
         """
         with self._lock:
-            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
+            ticks = self.ticks.back(*self._stretch(name, span_s, ends))
         if not ticks:
             raise UsageError("window: nothing has been heard yet")
         return ticks[0].time_ns, ticks[-1].time_ns
@@ -333,11 +340,11 @@ class Watch:
         if ends is not None:
             return of_ends(ends)
         at = self._view(name).at_ns
-        return self._ticks.last_ns if at is None else int(at), span_s
+        return self.ticks.last_ns if at is None else int(at), span_s
 
     def _age_s(self) -> float:
-        """Time since the newest tick came, s: of a live bus that has gone silent it grows."""
-        return 0.0 if self.whole else time.monotonic() - self._kept
+        """Time since the newest tick, s; it grows while a live bus is silent."""
+        return 0.0 if self.whole else time.monotonic() - self.kept_s
 
     def _strings(self, tick: Tick) -> list[dict[str, Any]]:
         found = []
@@ -376,7 +383,7 @@ def _parts(cells: Sequence[int]) -> Iterator[slice]:
 
 
 def _heat(heat: NDArray[np.float32], sd: NDArray[np.float32]) -> list[float | int | None] | None:
-    """Give the cell with the surest heat that no current makes, with the heat and its 95 % half width, W."""
+    """Return the cell with the surest unexplained heat, with this heat and its 95 % half width, W."""
     with np.errstate(invalid="ignore"):
         ratio = np.where(np.isfinite(heat) & (sd > 0.0), heat / sd, -np.inf)
     k = int(ratio.argmax())
@@ -384,7 +391,7 @@ def _heat(heat: NDArray[np.float32], sd: NDArray[np.float32]) -> list[float | in
 
 
 def _ahead(f: Forecast | None) -> dict[str, Any] | None:
-    """Tell the page what comes next of the cell that will be hottest; None where nothing is known."""
+    """Return the forecast of the cell that will be hottest; None if nothing is known."""
     if f is None or (k := f.hottest) is None:
         return None
     first = f.first
@@ -400,12 +407,12 @@ def _ahead(f: Forecast | None) -> dict[str, Any] | None:
 
 
 def _n(x: float, digits: int) -> float | None:
-    """Round for the page; None where there is no number."""
+    """Round for the page; None for NaN."""
     return round(float(x), digits) if isfinite(x) else None
 
 
 def bits_on_wire(can_id: Sequence[int] | NDArray[np.uint32], length: NDArray[np.uint8], extended: int) -> int:
-    """Count the bits of classic frames, stuff bits left out (they add up to a fifth, depending on the data).
+    """Count the bits of classic frames without stuff bits (up to a fifth more, depending on the data).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What happened to a pack, for the page: alerts and notices in groups, newest first."""
+"""Events of a pack, for the page: alerts and notices in groups, newest first."""
 
 import csv
 import io
@@ -15,7 +15,7 @@ from bms_gateway.report.show import ranges
 from bms_gateway.workbench.history import wall_clock
 
 MOST: Final = 2000
-"""Events kept; of more the oldest go."""
+"""Number of kept events; beyond it, the oldest are removed."""
 COLUMNS: Final = (
     "time_s",
     "wall_clock",
@@ -29,11 +29,11 @@ COLUMNS: Final = (
     "reason",
 )
 FORMULA: Final = ("=", "+", "-", "@")
-"""What a spreadsheet takes for the beginning of a formula."""
+"""Characters with which a formula of a spreadsheet begins."""
 GROUPS: Final = 40
-"""Groups shown."""
+"""Number of shown groups."""
 MARKS: Final = 100
-"""Alerts marked in a history."""
+"""Number of alerts marked in a history."""
 OF_LEVEL: Final = {Level.WARNING: Severity.WARNING, Level.NOTICE: Severity.OK, Level.INFO: Severity.OK}
 WORDS: Final = {Severity.OK: "note", Severity.WARNING: "warning", Severity.ALARM: "alarm"}
 
@@ -46,6 +46,8 @@ class Happened:
     ----------
     state : {"raised", "changed", "over", ""}
         Of an alert; empty for a notice.
+    part : str
+        Distinguishes several alerts of one name, such as the quantity of a sensor.
     """
 
     time_ns: int
@@ -55,11 +57,12 @@ class Happened:
     cell: int | None
     text: str
     state: str
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """That a person has looked at the events of a group until some moment: when, and what was said of them."""
+    """Acknowledgement of the events of a group until some moment: its time and text."""
 
     until_ns: int
     wall_s: float
@@ -68,20 +71,22 @@ class Seen:
 
 @dataclass(slots=True)
 class Events:
-    """Events in the order in which they came, and which were acknowledged."""
+    """Events in the order of arrival, and which were acknowledged."""
 
     all: list[Happened] = field(default_factory=list)
     seen: dict[tuple[str, str, bool], Seen] = field(default_factory=dict)
 
     def take(self, event: Notice | Alerted) -> None:
-        """Keep one."""
+        """Store an event."""
         if isinstance(event, Notice):
             severity = OF_LEVEL[event.level]
-            found = Happened(event.time_ns, severity, event.code, event.string or "", event.cell, event.text, "")
+            found = Happened(
+                event.time_ns, severity, event.code, event.string or "", event.cell, event.text, "", event.part
+            )
         else:
             c = event.change.condition
             state = event.change.state
-            found = Happened(event.time_ns, c.severity, c.name, c.string or "", c.cell, c.text, state)
+            found = Happened(event.time_ns, c.severity, c.name, c.string or "", c.cell, c.text, state, c.part)
         self.all = [*self.all[-MOST + 1 :], found]
 
     def acknowledge(self, code: str, string: str, alert: bool, reason: str, until_ns: int) -> None:
@@ -122,10 +127,18 @@ class Events:
         return out.getvalue().encode()
 
     def grouped(self, until_ns: int, first_ns: int) -> list[dict[str, Any]]:
-        """Tell what happened until a moment: alerts and notices of one kind and string are one line, newest first."""
+        """Return the events until a moment: events of one kind and string are one line, newest first.
+
+        An alert replaces the earlier notices of its kind and part. Newer notices have a line of their own.
+        """
         groups: dict[tuple[str, str, bool], list[Happened]] = {}
-        for e in self.all:
-            if e.time_ns <= until_ns:
+        alerted: dict[tuple[str, str, str], int] = {}
+        past = [e for e in self.all if e.time_ns <= until_ns]
+        for e in past:
+            if e.state:
+                alerted[e.code, e.string, e.part] = e.time_ns
+        for e in past:
+            if e.state or e.time_ns > alerted.get((e.code, e.string, e.part), e.time_ns - 1):
                 groups.setdefault((e.code, e.string, bool(e.state)), []).append(e)
         newest = sorted(groups.values(), key=lambda g: -g[-1].time_ns)[:GROUPS]
         return [
@@ -144,7 +157,7 @@ class Events:
         ]
 
     def _told(self, group: Sequence[Happened]) -> dict[str, Any] | None:
-        """Tell that the newest event of a group was acknowledged."""
+        """Return the acknowledgement of the newest event of a group."""
         last = group[-1]
         seen = self.seen.get((last.code, last.string, bool(last.state)))
         if seen is None or last.time_ns > seen.until_ns:
@@ -152,7 +165,7 @@ class Events:
         return {"wall_ms": int(1e3 * seen.wall_s), "reason": seen.reason}
 
     def marks(self, string: str, from_ns: int, to_ns: int, first_ns: int) -> list[dict[str, Any]]:
-        """Tell the alerts of a string, and those of the whole, that were raised or ended in a stretch of time."""
+        """Return the alerts of a string, and of the whole pack, that were raised or ended in a stretch of time."""
         found = [e for e in self.all if e.state and e.string in ("", string) and from_ns <= e.time_ns <= to_ns]
         return [
             {"at": _seconds(e.time_ns, first_ns), "level": WORDS[e.severity], "state": e.state, "text": e.text}
@@ -161,7 +174,7 @@ class Events:
 
 
 def _said(group: Sequence[Happened]) -> dict[str, str]:
-    """Say what stands: of an alert its newest text; of notices the gravest of what was last said of each cell."""
+    """Return the present text: the newest one of an alert; of notices, the most severe last one of any cell."""
     newest = group[-1]
     if newest.state:
         return {"level": WORDS[max(e.severity for e in group)], "text": newest.text}
@@ -176,7 +189,7 @@ def _said(group: Sequence[Happened]) -> dict[str, str]:
 
 
 def alerts_now(raised: Sequence[Condition]) -> tuple[dict[str, Any], ...]:
-    """Tell the alerts that are raised, the gravest first."""
+    """Return the present alerts, the most severe first."""
     return tuple(
         {"level": WORDS[c.severity], "code": c.name, "string": c.string or "", "cell": c.cell, "text": c.text}
         for c in raised
@@ -184,7 +197,7 @@ def alerts_now(raised: Sequence[Condition]) -> tuple[dict[str, Any], ...]:
 
 
 def harmless(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula, by an apostrophe before it; it shows the text then.
+    """Prevent a spreadsheet from reading a text as a formula, by an apostrophe before it; the text is then shown.
 
     Examples
     --------
