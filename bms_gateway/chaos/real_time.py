@@ -286,11 +286,15 @@ class RealTimeBench:
         vehicle = Vehicle(self._channel, pair)
         disk, store, fits = threading.Event(), StateStore(folder), Aside(FIT_S)
         disk.set()
+        ended, saving = threading.Event(), threading.Lock()
 
         def save(state: Mapping[str, object]) -> None:
             disk.wait()
-            if (problem := store.save(state, wall_ns=time.time_ns())) is not None:
-                raise problem
+            with saving:
+                if ended.is_set():  # a save that hung goes on when its disk answers, and the folder is removed
+                    return
+                if (problem := store.save(state, wall_ns=time.time_ns())) is not None:
+                    raise problem
 
         async def reload() -> Engine:
             return (await reread(bench.config)).engine()
@@ -323,6 +327,8 @@ class RealTimeBench:
                     raise KeyboardInterrupt  # the service has replaced this handler while it ran
                 return await driven
         finally:
+            with saving:
+                ended.set()
             vehicle.close()
             port.close()
             ears.close()

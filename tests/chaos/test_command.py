@@ -92,6 +92,34 @@ def test_an_interrupt_while_the_disk_hangs_does_not_wait_for_it(tmp_path, monkey
     assert time.monotonic() - told[0] < 60.0
 
 
+def test_a_save_that_hung_leaves_the_folder_alone_that_is_removed(tmp_path, monkeypatch):
+    """The removal failed when the disk answered only after the last save had been given up."""
+    monkeypatch.setattr(bench_module, "STEADY_FIRST", 1)
+    monkeypatch.setattr(live, "SAVE_LAST_S", 0.05)
+    loaded = load_config(config(tmp_path))
+    scenario, written = Chaos(loaded.plan, loaded.database).scenarios["disk-hangs"], []
+
+    def slow(self, state, *, wall_ns):
+        for k in range(20):
+            written.append(self.directory.exists())
+            (self.directory / f"part{k}").touch()
+            time.sleep(0.02)
+
+    async def hangs(bench):
+        bench.disk.clear()
+        while not bench.gateway.tally.saves_failed:
+            await asyncio.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(bench_module.StateStore, "save", slow)
+    with pytest.raises(KeyboardInterrupt):
+        RealTimeBench(loaded.plan, loaded.database).run(BusScenario(scenario, hangs))
+    time.sleep(1.0)  # what is written late is written by then
+    assert written
+    assert all(written)
+
+
 def test_an_interrupt_while_a_scenario_ends_is_heard(tmp_path, monkeypatch):
     """The service took it for its own end, which had begun, and the next scenario followed."""
     monkeypatch.setattr(bench_module, "STEADY_FIRST", 1)

@@ -1,5 +1,5 @@
 // The table of columns: what each column of a foreign table is, with its unit and sign, guessed and to be confirmed.
-import { $, el, get, post, attempt, complain, many, sentence } from "./util.js";
+import { $, el, get, post, until, attempt, complain, many, sentence } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
   voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
@@ -140,20 +140,23 @@ function curve(points) {
   return svg;
 }
 
-// Shows the values by the units and signs that are chosen now.
-let waiting = 0;
+// Shows the values by the units and signs that are chosen now, once nothing more was chosen for a moment.
+const CHOSEN_MS = 200;
+let choices = 0, waiting = 0; // the choice that waits to be looked at; 0: none
 function again() {
-  clearTimeout(waiting);
   waiting = 0;
   if (groups.some((g) => twice(g).length)) return;
-  waiting = setTimeout(() => { waiting = 0; ask().catch((e) => complain(e.message)); }, 200);
+  const mine = waiting = ++choices;
+  until(async () => {
+    await new Promise((done) => setTimeout(done, CHOSEN_MS));
+    if (waiting === mine) { waiting = 0; await ask(); }
+  }).catch((e) => complain(e.message));
 }
 
 // What was chosen last is looked at, and shown, before the tables are opened: a reload shows it then, and columns that are guessed are said to the reader.
 const LOOKS_MS = 200;
 export async function settled() {
   if (waiting) {
-    clearTimeout(waiting);
     waiting = 0;
     await ask();
   }

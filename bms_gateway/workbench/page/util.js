@@ -74,7 +74,7 @@ async function asked(url, how) {
 
 // How much of what a person asked for is still under way, for those who wait until the page has come to rest.
 let underway = 0;
-const until = async (work) => {
+export const until = async (work) => {
   document.body.dataset.underway = ++underway;
   try { return await work(); } finally { document.body.dataset.underway = --underway; }
 };
