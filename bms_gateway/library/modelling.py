@@ -7,7 +7,6 @@ from typing import Any
 
 from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
 from bms_gateway.diagnosis.calibrate import Identified, changes, channel_errors, identify
-from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison
 from bms_gateway.diagnosis.compare import compare as compared
 from bms_gateway.diagnosis.core_band import CoreBand
@@ -17,6 +16,7 @@ from bms_gateway.diagnosis.diagnosis import errors
 from bms_gateway.diagnosis.filed import filed_fit
 from bms_gateway.diagnosis.findings import refit_sentences
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.records.read import read_measurements

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.identify.cell_live import CellResult
 from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.identify.cells_in_words import Combination, cell_estimates, combinations

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnosis.calibrate import Identified, changes
-from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K, typical_K
 from bms_gateway.diagnosis.misfit import Level
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.regimes import Regime
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import LEFT, closer_numbers, finite, told_aside, warned

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bms_gateway.diagnosis.candidates import candidates
-from bms_gateway.diagnosis.checks import Finding, check_record
+from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.curve import Curve, entropic_curve
 from bms_gateway.diagnosis.detect import Card, absorbed, detectability
@@ -14,6 +14,7 @@ from bms_gateway.diagnosis.experiment import Experiment, next_experiment
 from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.search import Progress
 from bms_gateway.errors import DataError
 from bms_gateway.identify.map_fit import MapFit, stacked

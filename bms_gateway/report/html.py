@@ -12,7 +12,6 @@ from pathlib import Path
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Card
@@ -20,6 +19,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.error_words import only_fitted
 from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.latent import Latent
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_sentence, numbers_remark, outside, thermocouple_sentence

@@ -7,7 +7,6 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
-from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
 from bms_gateway.diagnosis.core_known import KnownCore, unlike, unseen
@@ -15,6 +14,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, errors
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence

@@ -12,13 +12,14 @@ import pytest
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.adding_bench import all_used
-from bms_gateway.diagnosis.checks import Finding, check_record
+from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import HELD_OUT, make_record
+from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.residuals import rmse
 from bms_gateway.diagnosis.weighing import Settings
