@@ -13,11 +13,11 @@ from bms_gateway.setup.signal_words import unit_of
 from bms_gateway.setup.vehicle_logs import Traffic
 
 SMOOTHER: Final = 0.5
-"""Another reading of the bits must make the steps from sample to sample smaller than this share."""
+"""Bits are read in another way only if this makes the mean step from sample to sample smaller than this share of it."""
 NEAR: Final = 0.15
 """Share of the range of the bits that counts as one of its ends."""
 BOTH_ENDS: Final = 0.002
-"""Least share of the samples at each end from which on the other sign is tried."""
+"""Least share of the samples at each end for which the other sign is tried."""
 OUTSIDE: Final = 0.01
 FEWEST_JUMPS: Final = 10
 
@@ -28,7 +28,7 @@ def read_right(traffic: Traffic, s: Series) -> tuple[Series, dict[str, float | s
     Returns
     -------
     series, overrides, why
-        The same series, nothing and no sentence where the DBC is right.
+        If the DBC is right: the same series, an empty dict and an empty list.
     """
     overrides: dict[str, float | str | bool] = {}
     why: list[str] = []
@@ -71,7 +71,7 @@ def _turned(traffic: Traffic, s: Series) -> Series | None:
 
 
 def _signed(traffic: Traffic, s: Series) -> Series | None:
-    """Read with the other sign where the values sit at both ends of the bits and nowhere between."""
+    """Read the bits with the other sign if the values lie at both ends of their range and nowhere between."""
     place = s.info.place
     unit = unit_of(s.info.unit)
     if unit is not None and unit.family not in ("current", "temperature"):
@@ -95,7 +95,7 @@ def _signed(traffic: Traffic, s: Series) -> Series | None:
 
 
 def _declared(other: Series, s: Series) -> Series:
-    """Give the range of the DBC back to a series that was read without it."""
+    """Apply the range of the DBC to a series that was read without this range."""
     info: SignalInfo = replace(other.info, minimum=s.info.minimum, maximum=s.info.maximum)
     low, high = info.raw_valid
     raw = (other.x - info.offset) / info.scale
@@ -103,7 +103,7 @@ def _declared(other: Series, s: Series) -> Series:
 
 
 def range_of(s: Series, plausible: tuple[float, float]) -> tuple[dict[str, float], str] | None:
-    """Tell the range that a config should state where that of the DBC refuses what was observed.
+    """Propose a range for the config if the range of the DBC refuses observed values.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
-"""Overlapping cuts of one field: which of them is the likeliest, so that one field is proposed once.
+"""Choice among overlapping cuts of one field: only the likeliest cut is proposed.
 
-Two bytes are cut into both bytes, twelve bits from either end and all sixteen. Where the parts of a cut belong to each
-other, they move as the digits of one number do:
+Two bytes are cut into both bytes, twelve bits from either end and all sixteen. The parts of a correct cut move like the
+digits of one number:
 
-* where the upper part changes, the lower part changes too, and jumps from one end to the other (the carry);
-* while the upper part stays, the lower part moves less than at random.
+* when the upper part changes, the lower part changes too, and jumps from one end to the other (the carry);
+* while the upper part is constant, the lower part changes less than a random number.
 
-Of the cuts whose parts belong together, the one with the most bits that live is the field: a shorter one cuts digits
-off, a longer one takes bits in that never change or that belong to something else.
+Of the cuts with such parts, the one with the most changing bits is the field: a shorter one loses digits, a longer one
+includes bits that never change or belong to another field.
 """
 
 from collections.abc import Sequence
@@ -24,15 +24,16 @@ CHANGES_TOO: Final = 0.75
 CARRIES: Final = 0.2
 """Least mean jump of the lower part at changes of the upper, over its range; a third for a number that moves fast."""
 AT_RANDOM: Final = 0.8 / 3.0
-"""Mean step of the lower part over its range from which on it goes on at random while the upper stays; a third."""
+"""Mean step of the lower part, relative to its range, from which it counts as random while the upper part
+is constant; a random number has a third."""
 FAST: Final = 0.25
-"""Share of the samples at which the upper part changes: above it, the last digits are random anyway."""
+"""Share of samples with a change of the upper part, above which the last digits are random anyway."""
 COUNTS: Final = 0.85
 """Share of the steps of a counter that are the same."""
 JUDGED: Final = 20
-"""Least samples with an upper part that stays."""
+"""Least number of samples with a constant upper part."""
 FEWEST_TURNS: Final = 4
-"""Changes of the upper part, from which on it is known whether both are one number."""
+"""Number of changes of the upper part that is enough to decide whether both parts are one number."""
 BYTE: Final = 8
 NIBBLE: Final = 4
 
@@ -41,18 +42,19 @@ Joint = Literal["one", "apart", "not told"]
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """What a field is as a cut of its two bytes.
+    """Evidence for a field as a cut of its two bytes.
 
     Attributes
     ----------
     whole : bool
-        Nothing tells that its parts are of different fields.
+        Whether nothing shows that its parts belong to different fields.
     across : bool
-        The data tell that one number goes across its two bytes.
+        Whether the data show that one number extends over its two bytes.
     alive : int
-        Bits from the lowest to the highest that change.
+        Number of bits from the lowest to the highest changing one.
     idle : int
-        Other bits. The highest four of sixteen do not count: fields of two bytes are commoner than such of twelve bits.
+        Number of other bits. The highest four of sixteen do not count: fields of two bytes are more common than fields
+        of twelve bits.
     """
 
     whole: bool
@@ -62,7 +64,7 @@ class Cut:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """The greater, the likelier."""
+        """Rank of the cut: a greater one is likelier."""
         return self.whole, self.alive, -self.idle
 
 
@@ -77,7 +79,7 @@ def likeliest_cuts(fields: Sequence[Field]) -> list[Field]:
     Returns
     -------
     list of Field
-        Without the cuts that are parts of a likelier one, or mix it with something else.
+        Without cuts that are part of a likelier one, or mix it with bits of another field.
     """
     of_two: dict[tuple[int, int | None, bool, int], list[Field]] = {}
     of_one: dict[tuple[int, int | None, int], Field] = {}
@@ -99,7 +101,7 @@ def likeliest_cuts(fields: Sequence[Field]) -> list[Field]:
         elif halves:
             dropped |= {id(f) for f, c in zip(mine, cuts, strict=True) if not c.whole}
         found.setdefault((can_id, page, first), []).append((across, mine))
-    for orders in found.values():  # one number goes across these bytes in one order: the other one is no number
+    for orders in found.values():  # one number extends over these bytes in one byte order: the other order is no number
         if any(across for across, _ in orders):
             dropped |= {id(f) for across, mine in orders if not across for f in mine}
     return [f for f in fields if id(f) not in dropped]
@@ -125,7 +127,7 @@ def _border(f: Field) -> int:
 
 
 def _joint(raw: NDArray[np.int64], m: int) -> Joint:
-    """Tell whether what lies above bit `m` and the `m` bits below are digits of one number."""
+    """Decide whether the bits from `m` upwards and the `m` bits below are digits of one number."""
     upper, lower = raw >> m, raw & ((1 << m) - 1)
     step = np.diff(lower)
     turns, jump = np.diff(upper) != 0, np.abs(step) / (1 << m)

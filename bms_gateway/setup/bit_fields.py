@@ -1,4 +1,4 @@
-"""Frames cut into fields as makers cut theirs: bytes, pairs of bytes, twelve bits from a nibble on; by pages too."""
+"""Cuts frames into fields of usual sizes: bytes, pairs of bytes, twelve bits that begin at a nibble; by pages too."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -29,12 +29,12 @@ class Field:
     ----------
     can_id : int
     page : int or None
-        Value of the first byte, where it says what the others are.
+        Value of the first byte if this byte selects the meaning of the others.
     place : Place
     t, x : ndarray (n,)
         Seconds from the begin; raw values.
     silent_s : float
-        Of the time from the first sample to the last: without any frame on the bus.
+        Part of the time from the first to the last sample in which the bus had no frame.
     """
 
     can_id: int
@@ -46,12 +46,12 @@ class Field:
 
     @property
     def rate_Hz(self) -> float:
-        """Samples per second while the bus is not silent; 0 where all stand at one time."""
+        """Samples per second while the bus is not silent; 0 if all samples have the same time stamp."""
         seconds = float(self.t[-1] - self.t[0]) - self.silent_s
         return (len(self.t) - 1) / seconds if seconds > 0.0 else 0.0
 
     def overlaps(self, other: "Field") -> bool:
-        """Whether both take some bits of one message."""
+        """Whether both fields contain the same bits of one message."""
         if self.can_id != other.can_id or self.page != other.page:
             return False
         return not self.place.bits.isdisjoint(other.place.bits)
@@ -71,7 +71,7 @@ def name_of(f: Field) -> str:
 
 
 def fields_of(frames: FrameBatch) -> Iterator[Field]:
-    """Cut all messages that come often enough."""
+    """Cut all messages that are frequent enough."""
     t = (frames.time_ns - frames.time_ns[0]) * 1e-9
     silent = np.cumsum(silences(frames.time_ns) * 1e-9)
     order = np.argsort(frames.can_id, kind="stable")
@@ -94,7 +94,7 @@ def fields_of(frames: FrameBatch) -> Iterator[Field]:
 
 
 def _pages(data: NDArray[np.int64]) -> list[int]:
-    """Values of a first byte by which the rest is told apart; none where it is like from frame to frame."""
+    """Values of a first byte that selects the meaning of the other bytes; empty if this byte selects nothing."""
     first = data[:, 0]
     values = np.unique(first)
     if not 2 <= len(values) <= MOST_PAGES or data.shape[1] < 3:
@@ -109,7 +109,7 @@ def _pages(data: NDArray[np.int64]) -> list[int]:
 
 
 def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> Iterator[Field]:
-    """Cut frames into bytes, pairs of bytes in both orders, and twelve bits from a nibble on."""
+    """Cut frames into bytes, pairs of bytes in both orders, and twelve bits that begin at a nibble."""
     n = data.shape[1]
     for k in range(0 if page is None else 1, n):
         b = data[:, k]
@@ -126,9 +126,9 @@ def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> I
 
 
 def _field(can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], place: Place) -> Field:
-    """Take the values with a sign where they sit at both ends of the bits and are smooth across them."""
+    """Read the values as signed if they lie at both ends of the range and are smooth across the wrap."""
     whole = 1 << place.size
-    none = raw == whole - 1  # all ones: not available, as most makers have it
+    none = raw == whole - 1  # all ones: most manufacturers send this for "not available"
     signed = False
     x = raw
     if place.size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:

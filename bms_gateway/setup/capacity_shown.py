@@ -1,4 +1,4 @@
-"""Capacity of a pack, by the charge that its current moves while its SOC falls or rises."""
+"""Capacity of a pack, from the charge that its current moves while its SOC falls or rises."""
 
 from typing import Final
 
@@ -12,9 +12,9 @@ FOLLOWS: Final = 0.95
 
 
 def capacity_shown(proposal: Proposal) -> float | None:
-    """Give the capacity, Ah, that the proposed current and SOC of the first string show; None where they show none.
+    """Estimate the capacity, Ah, from the proposed current and SOC of the first string.
 
-    A log with gaps in the current shows none.
+    None if they do not determine it; a log with gaps in the current never does.
     """
     current, soc = next(proposal.of("current", 1), None), next(proposal.of("soc", 1), None)
     if current is None or soc is None or current.against:

@@ -1,4 +1,4 @@
-"""Finds the SOC: a share that changes slowly and falls with the current."""
+"""Finds the SOC: a ratio that changes slowly and falls while the cells discharge."""
 
 from typing import Final
 
@@ -21,7 +21,7 @@ from bms_gateway.setup.signal_words import (
 )
 
 SCALES: Final = ((1.05, 1.0, "shares of 1"), (105.0, 1e-2, "%"), (1050.0, 1e-3, "0.1 %"), (10_500.0, 1e-4, "0.01 %"))
-"""Greatest value, factor to shares of 1, and what that is called."""
+"""Greatest value, factor to a ratio (0…1), and the name of the unit."""
 FAST: Final = 0.02
 """Greatest rate of an SOC, 1/s."""
 SWING: Final = 0.01
@@ -29,19 +29,19 @@ SWING: Final = 0.01
 FOLLOWS: Final = 0.9
 """Correlation with the charge drawn."""
 SAID: Final = 3.0
-"""Least score of an SOC by which the sign of a current is judged."""
+"""Least score of an SOC that may decide the sign of a current."""
 _STATE: Final = ("state", "level", "zustand", "stand", "etat", "estado", "stato")
 _CHARGE: Final = ("charge", "carga", "carica", "lade")
 
 
 def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.float64]) -> list[Scored]:
-    """Rank what may be the SOC.
+    """Rank the signals that may be the SOC.
 
     Parameters
     ----------
     series : list of Series
     electrical : Electrical
-        Its current tells a charge that falls as it is drawn.
+        Contains the current with which the SOC must fall.
     edges : ndarray, s
     """
     found = []
@@ -79,12 +79,12 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
 
 
 def sign_by_charge(charge: list[Scored], current: Scored, edges: NDArray[np.float64]) -> float | None:
-    """Tell the sign that makes discharge positive: the SOC falls as it is drawn.
+    """Find the sign that makes discharge positive: the SOC falls on discharge.
 
     Returns
     -------
     float or None
-        +1 or −1; None where the charge moves by less than a hundredth, or does not follow the current.
+        +1 or −1; None if the SOC changes by less than 1 %, or does not follow the current.
     """
     sure = [c for c in charge if c.score >= SAID]
     if not sure:
@@ -98,7 +98,7 @@ def sign_by_charge(charge: list[Scored], current: Scored, edges: NDArray[np.floa
     r = [float(np.corrcoef(a, b)[0, 1]) for a, b in ((soc[both], drawn[both]), (soc[both], t), (drawn[both], t))]
     if abs(r[0]) > FOLLOWS and not abs(r[2]) > FOLLOWS:
         return -float(np.sign(r[0]))
-    # beside an offset of the current, which goes with time: what of both does not go with time
+    # an offset of the current adds a charge proportional to time; so the part proportional to time is removed from both
     rest, beside = (x - np.polyval(np.polyfit(t, x, 1), t) for x in (soc[both], drawn[both]))
     if not rest.std() or not beside.std():
         return None
@@ -118,7 +118,7 @@ def _scale(s: Series, unit: Unit | None) -> tuple[float | None, str | None]:
 
 
 def _falls(s: Series, factor: float, e: Electrical, edges: NDArray[np.float64]) -> bool | None:
-    """Whether the charge goes the way that the current says; None where neither says much."""
+    """Whether the SOC changes in the direction of the current; None if their changes are too small to tell."""
     if e.current is None or not e.told:
         return None
     current = e.sign * e.current.factor * e.current.series.on_grid(edges)

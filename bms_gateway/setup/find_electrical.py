@@ -1,7 +1,7 @@
-"""Which signals are the cells' voltages, the pack's voltage and its current: by name, by unit, and by Ohm's law.
+"""Finds the voltages of the cells, the pack's voltage and its current, by name, by unit, and by Ohm's law.
 
-The voltages of the cells add up to that of the pack. The pack's voltage falls when a current discharges it, which shows
-the right one of several currents, and its sign.
+The voltages of the cells add up to the pack's voltage. The pack's voltage falls when a current discharges it: this
+selects one of several currents, and shows its sign.
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ CELL_V: Final = (1.2, 4.6)
 """Range of cell voltages: from an empty titanate cell to a full cell with a high-voltage cathode."""
 NOMINAL_V: Final = 3.7
 UNLIKE_V: Final = 0.5
-"""Spread of the voltages of most cells of one pack."""
+"""Greatest spread of the voltages of most cells of one pack."""
 ADDS_UP: Final = 0.04
 FALLS: Final = 0.25
 """Correlation of the steps of voltage and current above which the current is taken as their cause."""
 CELL_OHM: Final = (2e-5, 0.4)
-"""Of one cell or of cells in parallel: a cell of 500 Ah to one of 1 Ah in the cold."""
+"""Range for one cell or cells in parallel: from a cell of 500 Ah to a cold cell of 1 Ah."""
 FINE_STEPS: Final = 8
 FEW: Final = 6
 BOTH_SIGNS: Final = 0.02
@@ -51,7 +51,7 @@ SAME_MESSAGE: Final = 2.0
 
 @dataclass(slots=True)
 class Scored:
-    """A candidate: a series, SI = factor · x + shift, and what speaks for it."""
+    """A candidate: a series with SI = factor · x + shift, its score and the reasons for it."""
 
     series: Series
     factor: float
@@ -67,18 +67,18 @@ class Scored:
 
     @property
     def middle(self) -> float:
-        """Median while it is on, SI: a pack's voltage is 0 while its contactors are open."""
+        """Median of the values that are not near 0, SI: a pack's voltage is 0 while its contactors are open."""
         return self.factor * while_on(self.series) + self.shift
 
 
 def while_on(s: Series) -> float:
-    """Median of what is not near 0, in the DBC's unit."""
+    """Median of the values that are not near 0, in the DBC's unit."""
     on = s.x[s.x > 0.3 * s.high] if s.high > 0 else s.x
     return float(np.median(on)) if len(on) > 0.1 * len(s.x) else s.middle
 
 
 def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
-    """Find the largest group of voltages that are those of cells, and the factor to volts."""
+    """Find the largest group of cell voltages, and the factor to volts."""
     best: list[Member] = []
     found = (0.0, 1.0)
     voltages = [s for s in series if _may_be_voltage(s)]
@@ -103,7 +103,7 @@ def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
                 continue
             adds = any(abs(t / float(np.sum(v)) - 1) < ADDS_UP for t in totals)
             if not (said or unit or (adds and len(group) >= 4)):
-                continue  # of what is not called a voltage the sum must be one
+                continue  # if the names do not say voltage, the sum must be the pack's voltage
             score = float(len(group) + 20 * said + 10 * (unit is not None) + 2 * inside.mean())
             if score > found[0]:
                 best, found = group, (score, factor)
@@ -112,7 +112,7 @@ def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
 
 
 def extreme_cell_V(series: list[Series]) -> float | None:
-    """Middle of the greatest and least voltage of all cells, where the bus sends these; None where it does not."""
+    """Mean of the greatest and the least cell voltage if the bus sends both; None otherwise."""
     middles: dict[str, list[float]] = {}
     for s in series:
         kind, unit, mine = statistic(s.info), unit_of(s.info.unit), named(s.info)
@@ -136,7 +136,7 @@ def _may_be_voltage(s: Series) -> bool:
 
 
 def pack_voltages(series: list[Series], cells: list[Member], factor: float) -> list[Scored]:
-    """Rank what may be the pack's voltage; that to which the cells add up comes first."""
+    """Rank the signals that may be the pack's voltage; the one that equals the sum of the cell voltages comes first."""
     own = {m.series.path for m in cells}
     total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
     found = []
@@ -166,7 +166,7 @@ def pack_voltages(series: list[Series], cells: list[Member], factor: float) -> l
 
 
 def currents(series: list[Series]) -> list[Scored]:
-    """Rank what may be the pack's current by name, unit and how it moves; Ohm's law comes later."""
+    """Rank the signals that may be the pack's current by name, unit and movement; Ohm's law is applied later."""
     found = []
     for s in series:
         unit, mine, its = unit_of(s.info.unit), named(s.info), around(s.info)
@@ -201,16 +201,16 @@ def currents(series: list[Series]) -> list[Scored]:
 
 @dataclass(frozen=True, slots=True)
 class Ohm:
-    """What the steps of a voltage say of a current.
+    """Relation between the steps of a voltage and those of a current.
 
     Attributes
     ----------
     correlation : float
-        Of their steps; negative where the voltage falls as the current rises.
+        Of the steps; negative if the voltage falls as the current rises.
     resistance : float
         −dV/dI, Ω.
     fine : bool
-        The voltage moves by many of its steps, so that the resistance is worth something.
+        The voltage changes by many steps of its resolution, so that the resistance is meaningful.
     """
 
     correlation: float
@@ -219,14 +219,14 @@ class Ohm:
 
 
 def ohm(current: Scored, voltage: Scored, edges: Floats) -> Ohm | None:
-    """Regress the steps of the voltage on those of the current; None where neither moves enough."""
+    """Regress the steps of the voltage on those of the current; None if the changes are too small."""
     I, V = (c.factor * c.series.on_grid(edges) + c.shift for c in (current, voltage))  # noqa: E741 — the field's
     dI, dV = np.diff(I), np.diff(V)
     both = np.isfinite(dI) & np.isfinite(dV)
     dI, dV = dI[both], dV[both]
     if len(dI) < 10:
         return None
-    for d in (dI, dV):  # what bits fallen over have made
+    for d in (dI, dV):  # caused by flipped bits
         low, high = np.quantile(d, (0.01, 0.99))
         np.clip(d, 3 * min(low, 0), 3 * max(high, 0), out=d)
     if not dI.std() or not dV.std():
@@ -246,14 +246,14 @@ class Electrical:
     sign : float
         +1 or −1, to make discharge positive.
     told : bool
-        The sign is told by the voltage.
+        Whether the voltage determined the sign.
     lead : float
-        How much better it is than the best pair of any other current.
+        By how much the score exceeds that of the best pair with any other current.
     ohm : Ohm or None
     score : float
-        Of both, with what they say of each other.
+        Of both signals, their relation included.
     cell_V : float
-        Of one cell, where the bus has no voltages of single cells.
+        Voltage of one cell, if the bus has no voltages of single cells.
     """
 
     current: Scored | None
@@ -267,7 +267,7 @@ class Electrical:
 
 
 def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) -> Electrical:
-    """Choose current and voltage by their own merits and by what they say of each other."""
+    """Choose current and voltage by the score of each and by their relation."""
     if not candidates:
         return Electrical(None, voltages[0] if voltages else None)
     ranked: list[tuple[float, Scored, Scored | None, Ohm | None]] = []
@@ -282,7 +282,7 @@ def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) ->
     best = max(with_voltage, key=lambda r: r[0])
     others = [r[0] for r in with_voltage if r[1] is not best[1]]
     law = best[3]
-    if law is None or abs(law.correlation) <= FALLS:  # another voltage of the pack may tell the sign better
+    if law is None or abs(law.correlation) <= FALLS:  # another voltage of the pack may determine the sign better
         laws = [r[3] for r in with_voltage if r[1] is best[1] and r[3] is not None and _alike(r[2], best[2])]
         law = max(laws, key=lambda o: abs(o.correlation), default=None)
     told = law is not None and abs(law.correlation) > FALLS
@@ -291,5 +291,5 @@ def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) ->
 
 
 def _alike(a: Scored | None, b: Scored | None) -> bool:
-    """Whether two voltages may be of one pack."""
+    """Whether two voltages may belong to one pack."""
     return a is not None and b is not None and 0.8 < a.middle / b.middle < 1.25

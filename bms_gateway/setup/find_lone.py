@@ -1,7 +1,7 @@
-"""One single temperature of the battery beside others: by the data their mean, greatest, least, or a sensor elsewhere.
+"""A single temperature of the battery besides those of the cells: their mean, greatest, least, or another sensor.
 
-`BatteryTemperature` may be any of these, and its name does not say which. It is told in one line, and not used: what
-it repeats is used already, and where a sensor sits of which nothing is known, nobody can say.
+`BatteryTemperature` may be any of these; the data show which. The signal is reported in one line and is not used: a
+statistic of the cells adds nothing to their readings, and the place of another sensor is unknown.
 """
 
 from typing import Final
@@ -15,19 +15,19 @@ from bms_gateway.setup.signal_words import PACK, SENSED, has, named, statistic, 
 from bms_gateway.thermal import Floats
 
 SAME: Final = 0.9
-"""Share of the samples of a statistic that agree with it to a step of each of both."""
+"""Least share of the samples that must agree with a statistic to within the steps of both signals."""
 LAG_K: Final = 0.3
-"""K: by how much two readings of one temperature may differ beyond their steps, as they are sent at other times."""
+"""K: greatest difference, beyond their steps, of two readings of one temperature that are sent at different times."""
 NAMES: Final = {"max": "greatest", "mean": "mean", "min": "least"}
 
 
 def lone_temperatures(warm: Surfaces, series: list[Series]) -> list[tuple[Series, str]]:
-    """Say of each single temperature of the battery that is not used what it is by the data.
+    """Describe each single temperature of the battery that is not used, as the data show it.
 
     Parameters
     ----------
     warm : Surfaces
-        What is used, and what was passed over for another reason.
+        The thermocouples that are used, and those that were refused for another reason.
     series : list of Series
         All signals.
 
@@ -53,7 +53,7 @@ def lone_temperatures(warm: Surfaces, series: list[Series]) -> list[tuple[Series
 
 
 def _references(warm: Surfaces) -> dict[str, tuple[Floats, Floats, float]]:
-    """Time, °C and step, K, of greatest, least and mean of the cells, as far as they are known."""
+    """Time, °C and step, K, of the known ones of greatest, least and mean of the cells."""
 
     def celsius(s: Series) -> tuple[Floats, Floats, float]:
         return s.t, warm.factor * s.x + warm.shift, abs(warm.factor) * s.step

@@ -1,4 +1,4 @@
-"""One reading of all cells, beside other statistics of the same cells: a row of cells for all of them."""
+"""A greatest, least or mean reading in place of thermocouples: the model gets several cells for it."""
 
 from dataclasses import replace
 from typing import Final
@@ -11,7 +11,7 @@ ENOUGH: Final = "a comment in gateway.toml: for the hottest core the greatest is
 
 
 def of_several(proposal: Proposal, warm: Surfaces) -> list[Proposed]:
-    """Make the one surface of a proposal that of several cells, by the cells in series.
+    """Assign the only surface of a proposal to several cells; the number of cells in series decides how many.
 
     Parameters
     ----------

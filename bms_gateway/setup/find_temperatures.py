@@ -1,4 +1,4 @@
-"""Which signals are temperatures of cells, coolant and surroundings: slow, plausible, and with such a name."""
+"""Finds the temperatures of cells, coolant and surroundings: slow, plausible signals with such a name."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -33,7 +33,7 @@ from bms_gateway.setup.signal_words import (
 LIVES_C: Final = (-40.0, 95.0)
 USUAL_C: Final = (-30.0, 70.0)
 FINE_K: Final = 0.1
-"""K: a channel whose resolution is this or finer, and which stands still while its neighbours move, has no sensor."""
+"""K: a channel with this resolution or a finer one that is constant while its neighbours change has no sensor."""
 JUMPS_K: Final = 2.5
 READINGS: Final = (
     (1.0, 0.0, "°C"),
@@ -51,11 +51,11 @@ HOT_C: Final = 75.0
 SURE_C: Final = 60.0
 FEW_OUT_OF_ORDER: Final = 0.05
 FAR_APART_K: Final = 12.0
-"""Greatest change of the difference of two cells of a pack that returns to its usual value later."""
+"""Greatest change of the difference between two cells of a pack, if the difference returns to its usual value."""
 AGREES_K: Final = 15.0
 """Greatest difference of two temperatures of one vehicle at the beginning of a log."""
 ALONE: Final = tuple(w for w in SENSED if w != "tc")
-"""Words of cells that say so where they stand alone: TC1 … TC8 are thermocouples, TC may be that of a card."""
+"""Words that mean cells only in a numbered group: TC1 … TC8 are thermocouples, a single TC may be that of a board."""
 
 
 @dataclass(slots=True)
@@ -65,18 +65,18 @@ class Surfaces:
     Attributes
     ----------
     members : list of Member
-        Those that are used.
+        The thermocouples that are used.
     refused : list of (Series, why)
     factor, shift : float
         °C = factor · x + shift.
     said : bool
-        Names or units say that they are temperatures of cells.
+        Whether names or units say that they are temperatures of cells.
     why : list of str
     statistic : str or None
     passed : list of (Series, why)
-        Other groups that might be thermocouples, too.
+        Other groups that might be thermocouples.
     beside : dict of str to Series
-        Where there is one reading of all cells: the other statistics of the same cells, `max`, `min` or `mean`.
+        If a statistic of all cells is used: the other statistics of the same cells, by `max`, `min` or `mean`.
     """
 
     members: list[Member]
@@ -91,7 +91,7 @@ class Surfaces:
 
 
 def is_temperature(s: Series) -> bool:
-    """Whether unit or name say so."""
+    """Whether the unit or the name says that the signal is a temperature."""
     unit = unit_of(s.info.unit)
     if unit is not None:
         return unit.family == "temperature"
@@ -99,12 +99,12 @@ def is_temperature(s: Series) -> bool:
 
 
 def reading(s: Series, unit: Unit | None) -> tuple[float, float, str | None]:
-    """Factor and shift to °C: by the unit where that gives what a cell may have, else by what the values look like.
+    """Factor and shift to °C: by the unit if this gives plausible temperatures of cells, otherwise by the values.
 
     Returns
     -------
     factor, shift, sentence
-        The sentence tells that the DBC's scale contradicts the data, None where it does not.
+        The sentence says that the DBC's scale contradicts the data; None if it does not.
     """
     stated = (unit.factor, unit.offset) if unit is not None else (1.0, 0.0)
     if USUAL_C[0] <= stated[0] * s.middle + stated[1] <= USUAL_C[1] + 25:
@@ -120,20 +120,20 @@ def reading(s: Series, unit: Unit | None) -> tuple[float, float, str | None]:
 
 
 def readings_without_unit(s: Series, known_C: float | None) -> tuple[float, float, str | None, bool]:
-    """Factor and shift to °C of values that state no unit: °C, K or °F, by what the other temperatures of the log say.
+    """Factor and shift to °C of values without a unit: °C, K or °F, by comparison with other temperatures of the log.
 
     Parameters
     ----------
     s : Series
     known_C : float or None, °C
-        Another temperature at the begin of the log, of which the unit is stated.
+        Another temperature with a stated unit, at the beginning of the log.
 
     Returns
     -------
     factor, shift, sentence, sure
-        The sentence names both readings where two are possible.
+        If two units are possible, the sentence names both.
     """
-    whole = s.info.scale == 1.0  # a scale of the DBC has moved the decimal point already
+    whole = s.info.scale == 1.0  # the scale of the DBC has already placed the decimal point
     possible = []
     for factor, shift, name in READINGS:
         if (factor not in (1.0, 5 / 9) and not whole) or (shift == -40.0 and s.info.offset != 0.0):
@@ -161,7 +161,7 @@ def readings_without_unit(s: Series, known_C: float | None) -> tuple[float, floa
 
 
 def stated_begin(series: list[Series], but: set[str]) -> float | None:
-    """Median of what coolant, surroundings and other temperatures with a unit begin at, °C; None where none has one."""
+    """Median of the first values, °C, of coolant, surroundings and other temperatures with a unit; None without any."""
     begins: list[float] = []
     others: list[float] = []
     for s in series:
@@ -178,7 +178,7 @@ def stated_begin(series: list[Series], but: set[str]) -> float | None:
 
 
 def surfaces(series: list[Series]) -> Surfaces | None:
-    """Find the thermocouples of the cells: the best group, and which of its channels have a sensor."""
+    """Find the thermocouples of the cells: the best group, and the channels of it that have a sensor."""
     temperatures = [s for s in series if is_temperature(s) and not elsewhere(s)]
     best: tuple[float, list[Member]] | None = None
     groups: list[list[Member]] = []
@@ -210,12 +210,12 @@ def surfaces(series: list[Series]) -> Surfaces | None:
 
 
 def _says_more(temperatures: list[Series], single: Series) -> bool:
-    """Whether the bus has the greatest or the mean temperature of the cells beside a single one of the battery."""
+    """Whether the bus has, besides a single temperature of the battery, the greatest or the mean of the cells."""
     abbreviated = not has(named(single.info), PACK, ALONE)
     for s in temperatures:
         if statistic(s.info) not in ("max", "mean") or not lives(s) or s.constant:
             continue
-        if abbreviated or (  # no limit, no other thing
+        if abbreviated or (  # neither a limit nor the temperature of another component
             has(named(s.info), PACK, SENSED) and abs(_usual_C(s) - _usual_C(single)) < FAR_APART_K
         ):
             return True
@@ -228,20 +228,20 @@ def _usual_C(s: Series) -> float:
 
 
 def elsewhere(s: Series) -> bool:
-    """Whether the name says that it is no cell's."""
+    """Whether the name says that the temperature is not that of a cell."""
     mine = named(s.info)
     other = tuple(w for w in NOT_MEASURED if w not in STATISTIC)
     return has(mine, OTHER_THINGS, AMBIENT, other, OUTWARD) or has(mine, tuple(w for w in COOLANT if w != "in"))
 
 
 def lives(s: Series) -> bool:
-    """Whether its usual value is one that a cell may have."""
+    """Whether the median is plausible for a cell."""
     factor, shift, _ = reading(s, unit_of(s.info.unit))
     return bool(LIVES_C[0] < factor * s.middle + shift < LIVES_C[1])
 
 
 def _unit_by_data(group: list[Series], typical: Series, series: list[Series]) -> tuple[float, float, str | None, bool]:
-    """Factor and shift to °C of a group, what to say of it, and whether the unit is out of doubt."""
+    """Factor and shift to °C of a group, the reasons, and whether the unit is certain."""
     unit = unit_of(typical.info.unit)
     if unit is None:
         return readings_without_unit(typical, stated_begin(series, {s.path for s in group}))
@@ -253,7 +253,7 @@ def _sound(group: list[Member], series: list[Series]) -> Surfaces:
     s = max(group, key=lambda m: m.series.distinct).series
     unit = unit_of(s.info.unit)
     middles = [m.series for m in group if lives(m.series)]
-    if unit is not None:  # a channel without a sensor fits another scale as well as not
+    if unit is not None:  # a channel without a sensor is no evidence for a scale
         middles = [x for x in middles if reading(x, unit)[2] is None] or middles
     typical = sorted(middles, key=lambda x: x.middle)[len(middles) // 2]
     factor, shift, told, clear = _unit_by_data([m.series for m in group], typical, series)
@@ -273,7 +273,7 @@ def _sound(group: list[Member], series: list[Series]) -> Surfaces:
     said = has(named(s.info), SENSED) or has(around(s.info), SENSED)
     if len(group) > 1:
         why.append(f"one of {len(group)} called alike")
-    if not kept:  # all are odd: then it is the log, and nothing can be said against a single one
+    if not kept:  # if all channels are odd, the log is the cause, and none of them is refused
         kept, refused = group, []
     called = unit is not None or any(len(w) > 2 for w in named(s.info) if w in TEMPERATURE)
     if len(group) == 1:
@@ -300,7 +300,7 @@ def _no_sensor(s: Series, factor: float, shift: float, fine: bool) -> str | None
 
 
 def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces | None:
-    """Take a mean, a greatest or a least reading where the bus has no single ones."""
+    """Take a mean, greatest or least reading if the bus has no readings of single cells."""
     ranked: list[tuple[float, Series]] = []
     pool = temperatures or [
         s for s in series if is_temperature(s) and (statistic(s.info) or has(named(s.info), SENSED))
@@ -345,7 +345,7 @@ def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces |
 
 
 def _beside(s: Series, kind: str, others: list[Series]) -> dict[str, Series]:
-    """Find the other statistics of the same cells: called alike but for the word that says which one it is."""
+    """Find the other statistics of the same cells: their names differ only in the word for the statistic."""
 
     def rest(info: SignalInfo) -> tuple[str, ...]:
         return tuple(w for w in named(info) if w not in STATISTIC)
@@ -359,7 +359,7 @@ def _beside(s: Series, kind: str, others: list[Series]) -> dict[str, Series]:
 
 
 def _never_of_cells(s: Series, beside: Series, factor: float) -> str | None:
-    """Say how far another statistic is at times from the first, where cells cannot be; None where it never is."""
+    """Report samples at which two statistics differ by more than cells can; None if there are no such samples."""
     apart = np.abs(factor * (np.interp(beside.t, s.t, s.x) - beside.x))
     usual = float(np.median(apart))
     far = int((apart > usual + FAR_APART_K).sum())
@@ -369,7 +369,7 @@ def _never_of_cells(s: Series, beside: Series, factor: float) -> str | None:
 
 
 def _out_of_order(by_kind: dict[str, Series]) -> str | None:
-    """Say which readings contradict max >= mean >= min in more than a few samples; None where none do."""
+    """Name the readings that contradict max >= mean >= min in more than a few samples; None if none do."""
     order = [k for k in ("max", "mean", "min") if k in by_kind]
     for upper, lower in pairwise(order):
         a, b = by_kind[upper], by_kind[lower]
@@ -380,7 +380,7 @@ def _out_of_order(by_kind: dict[str, Series]) -> str | None:
 
 
 def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
-    """Rank what may be the coolant's inlet, or the air around the cells."""
+    """Rank the signals that may be the coolant inlet, or the air around the cells."""
     found = []
     for s in series:
         mine, its = named(s.info), around(s.info)
@@ -407,7 +407,7 @@ def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
 
 
 def inlet_of_each(ranked: list[Scored], members: list[Member]) -> dict[int, Scored]:
-    """Find the inlet of each part of the thermocouples, where the likeliest ones have the numbers of the parts."""
+    """Find the inlet of each part of the thermocouples, if the likeliest inlets have the numbers of the parts."""
     parts = {m.where: m.part for m in members}
     by_path = {c.series.path: c for c in ranked}
     for group in alike([c.series for c in ranked]) if len(parts) > 1 else []:
@@ -418,7 +418,7 @@ def inlet_of_each(ranked: list[Scored], members: list[Member]) -> dict[int, Scor
 
 
 def flows(series: list[Series]) -> list[Scored]:
-    """Rank what may be the coolant's flow."""
+    """Rank the signals that may be the coolant flow."""
     found = []
     for s in series:
         unit, mine = unit_of(s.info.unit), named(s.info)

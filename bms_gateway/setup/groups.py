@@ -1,4 +1,4 @@
-"""Signals of many cells: found by the similarity of their names, and numbered."""
+"""Groups signals of many cells by the similarity of their names, and numbers them."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -14,14 +14,14 @@ Entry = tuple[Series, tuple[int, ...], tuple[int, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One of them: which part (0 where all are one) and which number its name gives.
+    """A signal of a group: its part (0 if there is only one part) and its number, both from its name.
 
     Attributes
     ----------
     where : tuple of int
-        The numbers in its names that tell the part, less those that are the same for all or say the same twice.
+        The numbers in its names that identify the part, without those that are equal for all signals or redundant.
     whole : tuple of int
-        The same with its own number.
+        The same, with its own number added.
     """
 
     series: Series
@@ -53,7 +53,7 @@ def alike(series: Iterable[Series]) -> list[list[Member]]:
 
 
 def _by_letter(variants: dict[tuple[str, ...], list[Entry]]) -> list[list[Entry]]:
-    """Make variants one group where they differ by one letter, which runs from A; the letter counts as a number."""
+    """Merge groups whose names differ by one letter that runs from A; the letter counts as a number."""
     letters = []
     for variant in variants:
         changing = {x for k, x in enumerate(variant) if len({other[k] for other in variants}) > 1}

@@ -22,7 +22,7 @@ _NAMES: Final = {"current": "guess_current_{}", "voltage": "guess_pack_voltage_{
 
 
 def guessed_dbc(guesses: Sequence[Guess], length: dict[int, int]) -> str:
-    """Write the guesses as a DBC; of those that share bits the likelier one.
+    """Write the guesses as a DBC; of guesses that share bits only the likeliest one.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def guessed_dbc(guesses: Sequence[Guess], length: dict[int, int]) -> str:
     first_group = next((g for g in guesses if g.role == "surface"), None)
     for g in guesses:
         if g.role == "surface" and g is not first_group:
-            continue  # whoever reads the file would take another group for more cells of the same pack
+            continue  # a reader of the file would take another group for further cells of the same pack
         for f in sorted((g.field, *g.beside), key=lambda f: (f.page or 0, f.place.first_bit)):
             if any(f.overlaps(other) for other in taken) or (f.page is None and _has_pages(f, taken)):
                 continue

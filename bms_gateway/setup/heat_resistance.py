@@ -1,8 +1,8 @@
-"""Resistance of a pack over a drive, by which its current makes heat: with what polarisation adds to each step.
+"""Effective resistance of a pack over a drive: the one with which I²R is the heat, polarisation included.
 
-The voltage of a cell falls at once with a current, and further within minutes. All of this fall makes heat, the open
-circuit's change with the charge does not. So the voltage is fitted by a polynomial of the charge, the current, and the
-current smoothed over some times; the heat of the fitted overvoltage over ∫I² dt is the resistance.
+The voltage of a cell falls at once with a current, and further within minutes. All of this fall makes heat. The change
+of the open-circuit voltage with the charge does not. So the voltage is fitted by a polynomial of the charge, the
+current, and the current smoothed over some times; the heat of the fitted overvoltage over ∫I² dt is the resistance.
 """
 
 from typing import Final
@@ -15,17 +15,18 @@ from bms_gateway.thermal import Floats
 TIMES_S: Final = (8.0, 30.0, 120.0)
 """Times of polarisation: of the double layer, and of diffusion."""
 DEGREE: Final = 3
-"""Of the open-circuit voltage over the charge."""
+"""Degree of the polynomial for the open-circuit voltage over the charge."""
 LEAST_S: Final = 300.0
-"""A shorter log shows no polarisation beside the charge."""
+"""A shorter log does not separate polarisation from the effect of the charge."""
 UNEXPLAINED: Final = 0.2
-"""Greatest error of the fit, rms over that of the voltage less its open circuit."""
+"""Greatest rms error of the fit, relative to the rms of the voltage minus the open-circuit voltage."""
 MOST_OVER_STEPS: Final = 4.0
-"""Greatest ratio to the resistance by steps of a second; a greater one is of a charge that was not understood."""
+"""Greatest ratio to the resistance by steps of a second; a greater ratio means that the model of the charge is
+wrong."""
 
 
 def heat_resistance(I: Floats, V: Floats, step_s: float) -> float | None:  # noqa: E741
-    """Give the resistance, Ω, by which a current makes heat; None where the log does not show it.
+    """Estimate the resistance, Ω, with which I²R is the heat; None if the log does not determine it.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def heat_resistance(I: Floats, V: Floats, step_s: float) -> float | None:  # noq
 
 
 def _smoothed(x: Floats, share: float) -> Floats:
-    """First-order lag; `share` is the step over the lag's time."""
+    """First-order lag; `share` is the step divided by the time constant."""
     y, keep = np.empty(len(x)), float(np.exp(-share))
     last = 0.0
     for k, value in enumerate(x.tolist()):
@@ -69,7 +70,7 @@ def _smoothed(x: Floats, share: float) -> Floats:
 
 
 def _not_negative(A: Floats, y: Floats, free: int) -> Floats:
-    """Least squares in which all numbers but the first `free` are not negative: the most negative is left out, anew."""
+    """Least squares with non-negative numbers after the first `free`: drop the most negative, repeat."""
     use = np.ones(A.shape[1], np.bool_)
     while True:
         b = np.zeros(A.shape[1])

@@ -1,4 +1,4 @@
-"""The time of a log in intervals of one length where there are frames; what lies between is one interval, however long.
+"""Divides the time of a log into intervals: of one length while there are frames, one interval for each silence.
 
 So memory and time follow the number of frames. A parked night, or a clock that was set from 1970 while the log was
 written, adds one interval.
@@ -13,10 +13,10 @@ from bms_gateway.engine.stamps import AHEAD_NS
 from bms_gateway.thermal import Floats
 
 USUAL: Final = 10
-"""A time without any frame is a silence of the bus, or a clock that was set, if it is longer than `AHEAD_NS` and so
-many times the usual one: nothing is seen in it."""
+"""A time without frames longer than `AHEAD_NS` and than so many usual gaps is a silence: of the bus, or by a clock that
+was set."""
 HELD: Final = 3
-"""Intervals of the common length behind the last frame: in these a value may be held."""
+"""Number of intervals after the last frame of a run; in these a value may be held."""
 
 
 def edges_of(time_ns: NDArray[np.int64], step_s: float, beyond_s: float) -> Floats:
@@ -29,7 +29,7 @@ def edges_of(time_ns: NDArray[np.int64], step_s: float, beyond_s: float) -> Floa
     step_s : float
         The common length.
     beyond_s : float
-        Time behind the last frame, in which there may be more edges.
+        Time after the last frame that the edges must cover.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def seen_s(time_ns: NDArray[np.int64]) -> float:
 
 
 def silence_in(time_ns: NDArray[np.int64]) -> str | None:
-    """Say that there are silences, how many and how long; None where there are none."""
+    """Report number and length of the silences; None if there are none."""
     gaps = silences(time_ns)
     gaps = gaps[gaps > 0]
     if not len(gaps):
@@ -79,7 +79,7 @@ def silence_in(time_ns: NDArray[np.int64]) -> str | None:
 
 
 def in_words(seconds: float) -> str:
-    """Say a long time in a unit of its size.
+    """Format a long time in a unit of suitable size.
 
     Examples
     --------

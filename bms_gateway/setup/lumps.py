@@ -1,4 +1,4 @@
-"""Voltages of lumps of series cells: modules with one thermocouple each, whose cells or whose sum have voltages.
+"""Voltages of modules: groups of cells in series with one thermocouple, and with voltages of each cell or of the group.
 
 A cell of the model stands for the cell that its thermocouple sits on, and for those like it. Its voltage is then the
 mean of the module's cells. The config names one signal for it: the sum of the module over its cells, or that of the
@@ -22,12 +22,12 @@ NOT_KNOWN: Final = "which thermocouple sits on which of these cells is not known
 
 @dataclass(frozen=True, slots=True)
 class _Modules:
-    """Voltages that are those of whole modules.
+    """Voltages of whole modules.
 
     Attributes
     ----------
     voltages : list of Member
-        One a module.
+        One for each module.
     factor : float
         From the signal's unit to V.
     count : int
@@ -49,7 +49,7 @@ def place_lumps(
     series: list[Series],
     edges: NDArray[np.float64],
 ) -> None:
-    """Give each cell of the model the voltage of its lump, where the names or the sums tell which one it is.
+    """Assign to each cell of the model the voltage of its module, if the names or the sums identify the module.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def place_lumps(
 
 
 def _by_module(thermocouples: list[Member], cells: list[Member]) -> list[tuple[Member, list[Member]]]:
-    """Find the cells of each thermocouple by a number that both have in their names; empty where it does not tell."""
+    """Find the cells of each thermocouple by a number that both names contain; empty if the numbers do not fit."""
     for own in range(len(thermocouples[0].whole)):
         keys = [m.whole[own] for m in thermocouples]
         for column in range(len(cells[0].where) if cells else 0):
@@ -111,7 +111,7 @@ def _nearest_to_mean(of_module: list[Series], edges: NDArray[np.float64]) -> Ser
     rows = rows[:, np.isfinite(rows).all(axis=0)]
     if not rows.shape[1]:
         return of_module[0]
-    # by medians: the voltages are not read at one instant, and a step of the current between them says nothing
+    # by medians, because the voltages are not read at one instant, and the current may step between the readings
     return of_module[int(np.median(np.abs(rows - rows.mean(axis=0)), axis=1).argmin())]
 
 
@@ -135,7 +135,7 @@ def _whole_modules(proposal: Proposal, thermocouples: int, series: list[Series])
 
 
 def _take(proposal: Proposal, places: list[Proposed], whole: _Modules) -> None:
-    """Give the cell of each thermocouple its share of its module's voltage."""
+    """Assign to the cell of each thermocouple its share of the module's voltage."""
     modules, count = len(whole.voltages), whole.count
     for place, m in zip(places, whole.voltages, strict=True):
         why = [

@@ -19,18 +19,19 @@ MOST_PAGES: Final = 64
 OF_A_PAGE: Final = 8
 """Least frames of each value of a byte that may select."""
 EVEN: Final = 0.2
-"""Least number of frames of one value over that of the most frequent one."""
+"""Least number of frames of one value, relative to the most frequent value."""
 MOVES: Final = 0.5
 """Least share of the frames in which a selector differs from the frame before."""
 EXPLAINED: Final = 0.95
-"""Share of a signal's variance that lies between the values of the byte, where the byte selects it."""
+"""Least share of a signal's variance between the groups of frames with equal byte, if the byte selects the signal."""
 APART: Final = 4.0
-"""Step from frame to frame over that from frame to frame of the same value, where the byte selects the signal."""
+"""Least ratio of the step from frame to frame to the step between frames with equal byte, if the byte selects the
+signal."""
 SHOWN: Final = 4
 
 
 def told_of_selectors(traffic: Traffic) -> Iterator[str]:
-    """Say which values of a selector the DBC does not know, and of which known ones no frame is among the traffic."""
+    """Report values of a selector that the DBC does not know, and known values without a frame in the traffic."""
     for message in traffic.messages.values():
         if any(_matters(message, name) for name in message.signals):
             for selector in {step.signal: None for s in message.signals.values() for step in s.mux}:
@@ -38,7 +39,7 @@ def told_of_selectors(traffic: Traffic) -> Iterator[str]:
 
 
 def jumps_with(traffic: Traffic, s: Series) -> str | None:
-    """Say with which byte of its frames a signal jumps that the DBC has in each of them; None where it does not."""
+    """Find the byte with which a signal jumps that the DBC has in every frame; None if there is no such byte."""
     info = s.info
     if info.mux or info.is_multiplexer or s.distinct < 3 or len(s.x) < 2 * OF_A_PAGE:
         return None
@@ -110,7 +111,7 @@ def _matters(message: MessageInfo, name: str) -> bool:
 
 
 def _selects(values: NDArray[np.integer[Any]], x: Floats) -> list[int] | None:
-    """Give the values of a byte by which samples are told apart; None where they are not."""
+    """Give the values of a byte that may select signals; None if the byte cannot be a selector."""
     pages, which, counts = np.unique(values, return_inverse=True, return_counts=True)
     if not 2 <= len(pages) <= MOST_PAGES or counts.min() < max(OF_A_PAGE, EVEN * counts.max()):
         return None

@@ -6,9 +6,9 @@ from bms_gateway.setup.vehicle_logs import Traffic
 
 
 def leave_out_overlaps(proposal: Proposal, traffic: Traffic) -> None:
-    """Use the first of signals that share bits, let it not be sure, and say of the others why they are not used.
+    """Use the first of several signals that share bits, as not sure, and report why the others are not used.
 
-    Signals that a multiplexer keeps apart share none.
+    Signals of different multiplexer values share no bits.
     """
     kept: list[tuple[SignalInfo, Proposed]] = []
     refused: dict[str, str] = {}

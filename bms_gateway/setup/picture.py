@@ -1,4 +1,4 @@
-"""The first cores of a new vehicle: gathered from the engine's estimates, and drawn."""
+"""Collects the first core temperatures of a new vehicle from the engine's estimates, and draws them."""
 
 import importlib.util
 from dataclasses import dataclass, field
@@ -25,11 +25,11 @@ class Cores:
     hottest : Hottest or None
         Of the log, from `SETTLING_S` after the first estimate on.
     last : Estimated or None
-        The last tick at which a core was known; where none ever was, the last one.
+        The last tick at which a core was known; the last tick if no core was ever known.
     unknown_s : float
-        Time from there to the end, in which no core was known.
+        Time from `last` to the end.
     fitted_ns : list of int
-        Times at which a fit of the drive so far gave new parameters: the estimates step there.
+        Times at which a fit gave new parameters; the estimates step there.
     """
 
     last: Estimated | None = None
@@ -40,12 +40,12 @@ class Cores:
     fitted_ns: list[int] = field(default_factory=list)
 
     def learn(self, p: Parameters) -> None:
-        """Take new parameters; those that are told before the first estimate are the ones of the file."""
+        """Record new parameters; those before the first estimate come from the file."""
         if self.time_ns and p.time_ns > self.time_ns[0] and p.time_ns not in self.fitted_ns:
             self.fitted_ns.append(p.time_ns)
 
     def take(self, e: Estimated) -> None:
-        """Take one tick."""
+        """Record one tick."""
         known = bool(np.isfinite(e.core).any())
         if known or self.last is None or not self.rows:
             self.last = e

@@ -19,17 +19,17 @@ class Proposed:
     Attributes
     ----------
     series : Series
-        As it is to be read: `overrides` are in it.
+        Already read with the `overrides`.
     factor, shift : float
         SI (A discharge positive, V, °C, 0…1, m³/s) = factor · DBC's value + shift.
     string, index : int or None
-        From 1; None for a signal of the whole pack, or one that no string takes.
+        From 1; None for a signal of the whole pack, or of no string.
     overrides : dict
-        What the config has to say against the DBC: `minimum`, `maximum`, `byte_order`, `signed`.
+        Keys of the config that correct the DBC: `minimum`, `maximum`, `byte_order`, `signed`.
     statistic : str or None
-        `max`, `min`, `mean` where it is one of several cells; of all cells of its string if it has no index.
+        `max`, `min` or `mean` for a reading of several cells; without `index` of all cells of the string.
     against : list of str
-        What other signals say against it.
+        Reasons from other signals against it.
     """
 
     role: Role
@@ -51,7 +51,7 @@ class Proposed:
 
     @property
     def written(self) -> tuple[float, float]:
-        """Scale and offset that the config has to state, beside what it converts by the DBC's unit itself."""
+        """Scale and offset for the config, which converts by the DBC's unit on its own."""
         return config_scale(self.role, self.series.info, self.factor, self.shift)
 
     @property
@@ -68,28 +68,28 @@ class Proposed:
 
 @dataclass(slots=True)
 class Proposal:
-    """All that was found.
+    """The proposal for a vehicle.
 
     Attributes
     ----------
     signals : list of Proposed
     unused : list of (signal, why)
-        What might have been taken for something, and was not.
+        Signals that were considered for a role and are not used.
     cells : list of int
         Cells of each string.
     series_cells : int or None
-        Cells in series of the whole pack, where that can be told.
+        Cells in series of the whole pack; None if unknown.
     resistance : float or None
-        Of the pack, Ω, by the steps of its voltage and current.
+        Resistance of the pack, Ω, from the steps of its voltage and current.
     heat_resistance : float or None
-        Of the pack, Ω, by which the current makes heat over the log, polarisation included.
+        Effective resistance of the pack for its heat over the log, Ω, polarisation included.
     against_cell : list of str
-        What the log says against the cell that was named.
+        Reasons from the log against the cell that was named.
     remarks : list of str
     refused : set of str
-        Thermocouples that are not used, whose reason is in `unused`.
+        Thermocouples that are not used; the reasons are in `unused`.
     numbered : set of int
-        Strings whose cells have the numbers of their names: a cell without a thermocouple stays a cell.
+        Strings whose cells are numbered as in the names; their cells without a thermocouple are kept.
     """
 
     signals: list[Proposed] = field(default_factory=list)
@@ -110,7 +110,7 @@ class Proposal:
                 yield p
 
     def leave_out(self, refused: Mapping[str, str]) -> None:
-        """Take thermocouples out, with the reason of each, and number the cells and strings that remain anew."""
+        """Remove thermocouples, note the reason of each, and renumber the cells and strings that remain."""
         places: dict[tuple[int, int], tuple[int, int]] = {}
         remaining: list[int] = []
         numbered: set[int] = set()
@@ -121,7 +121,7 @@ class Proposal:
                 remaining.append(self.cells[string - 1] if kept else len(mine))
             for k, p in enumerate(sorted(mine, key=lambda p: p.index or 0), 1):
                 places[string, p.index or 0] = len(remaining), (p.index or k) if string in self.numbered else k
-            if mine and string in self.numbered:  # of a cell without a thermocouple the voltage stays
+            if mine and string in self.numbered:  # the voltage of a cell without a thermocouple is kept
                 for k in range(1, self.cells[string - 1] + 1):
                     places.setdefault((string, k), (len(remaining), k))
                 numbered.add(len(remaining))

@@ -1,4 +1,4 @@
-"""From the traffic of an unknown vehicle to the role of each signal: one pass over names, units and data."""
+"""Proposes the role of each signal of an unknown vehicle, from names, units and data."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -67,14 +67,14 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     Parameters
     ----------
     traffic : Traffic
-        With a DBC: messages that are not known are no matter of this function.
+        Traffic with a DBC; messages that are not in the DBC are ignored.
     refused : mapping of signal to role
-        What a person does not take for it: the next best is proposed.
+        Roles that a person has refused for a signal: the next best signal is proposed.
 
     Returns
     -------
     Proposal
-        `sure` only where name, unit and data agree and nothing else comes near.
+        A role is `sure` only if name, unit and data agree and no other signal has a similar score.
     """
     proposal = Proposal(remarks=[*traffic.remarks, *told_of_selectors(traffic)])
     edges = edges_of(traffic.frames.time_ns, 1.0 if traffic.seconds > LONG_S else 0.5, 1.0)
@@ -148,7 +148,7 @@ def _place(
     rights: Rights,
     seconds: float,
 ) -> dict[int, list[int]]:
-    """Take the thermocouples, by the strings that say their own current where there are some."""
+    """Assign the thermocouples; if the strings have currents of their own, by string."""
     volted: dict[int, int] = {}
     if strings is not None:
         warm.members = strings.members
@@ -166,7 +166,7 @@ def _strings(
     placed: dict[int, list[int]],
     edges: NDArray[np.float64],
 ) -> None:
-    """Take current, voltage and charge of each string."""
+    """Assign current, voltage and SOC of each string."""
     resistances = []
     for part, own in strings.own.items():
         sign = _by_charge(own.charge, own.electrical, edges)
@@ -185,7 +185,7 @@ def _by_charge(charge: list[Scored], e: Electrical, edges: NDArray[np.float64]) 
 
 
 def _long_enough(proposal: Proposal, seconds: float) -> None:
-    """Let nothing be sure in a short log."""
+    """Mark every role as not sure if the log is short."""
     if seconds < LEAST_S:
         proposal.remarks.append(f"the log is {seconds:.3g} s long: no proposal is sure below {LEAST_S:g} s")
         for p in proposal.signals:
@@ -193,7 +193,7 @@ def _long_enough(proposal: Proposal, seconds: float) -> None:
 
 
 def _guesses(proposal: Proposal) -> None:
-    """Let nothing be sure that comes from a DBC which was guessed."""
+    """Mark the signals of a guessed DBC as not sure."""
     guessed = [p for p in proposal.signals if p.series.info.message.startswith(GUESS)]
     for p in guessed:
         p.sure = False
@@ -205,7 +205,7 @@ def _guesses(proposal: Proposal) -> None:
 
 
 def _doubt(proposal: Proposal, remark: str) -> None:
-    """Let no current, voltage and charge be sure, and say why."""
+    """Mark current, voltage and SOC as not sure, with the reason."""
     proposal.remarks.append(remark)
     for p in proposal.signals:
         if p.role in ("current", "voltage", "soc"):
@@ -222,7 +222,7 @@ def _in_series(proposal: Proposal, cells: list[Member], factor: float) -> bool:
 
 
 def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
-    """Take a signal for the whole pack, or for the strings of the model that it is said of."""
+    """Assign a signal to the whole pack, or to the given strings of the model."""
     if not strings:
         proposal.signals.append(p)
     for string in strings:
@@ -232,7 +232,7 @@ def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
 def _current(
     proposal: Proposal, e: Electrical, rights: Rights, strings: Sequence[int], by_charge: float | None
 ) -> bool:
-    """Take the current; returns whether the SOC contradicts its sign."""
+    """Assign the current; return whether the SOC contradicts its sign."""
     c = e.current
     if c is None or c.score < 1.5:
         return False
@@ -248,7 +248,7 @@ def _current(
     if against:
         why.append(AGAINST)
     sure = sure and bool(moves) and not against and (e.told or by_charge is not None)
-    sure = sure and math.isclose(abs(scale), abs(c.factor))  # by how much a scale slipped is a guess
+    sure = sure and math.isclose(abs(scale), abs(c.factor))  # the factor by which a scale is wrong is a guess
     p = Proposed("current", c.series, scale, 0.0, sure=sure, why=why)
     _told(p, rights)
     _put(proposal, p, strings)
@@ -258,7 +258,7 @@ def _current(
 def _voltage(
     proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
 ) -> None:
-    """Take the voltage, and tell how many cells in series have it."""
+    """Assign the voltage, and determine the number of cells in series."""
     middle = factor * float(np.median([m.series.middle for m in cells])) if cells else e.cell_V
     total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
     if e.voltage is None or e.voltage.score <= 0.5:
@@ -283,7 +283,7 @@ def _voltage(
 
 
 def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | None, why: list[str]) -> float:
-    """Factor to discharge-positive A, with the reasons; the pack's resistance where the voltage tells the sign."""
+    """Factor to A (discharge positive), and the reasons; the pack's resistance, if the voltage determines the sign."""
     scale, told = e.sign * c.factor, True
     if e.told and e.ohm is not None:
         falls = "falls" if e.sign > 0 else "rises"
@@ -298,7 +298,7 @@ def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | Non
         why.append("so it is positive on charge, and its sign is turned")
     if e.told and e.ohm is not None:
         scale *= _slipped(abs(e.ohm.resistance) / (proposal.series_cells or 1), c, why)
-        # counts that stand for a current say nothing of ohms
+        # counts of an unknown scale give no resistance
         counts = c.unit is None and not c.series.low <= 0.0 <= c.series.high
         if e.ohm.fine and abs(e.ohm.correlation) > 0.4 and not counts:
             proposal.resistance = abs(e.ohm.resistance * c.factor / scale)
@@ -306,10 +306,10 @@ def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | Non
 
 
 def _slipped(per_cell: float, c: Scored, why: list[str]) -> float:
-    """Factor by which a unit slipped, where cells would have an impossible resistance; else 1."""
+    """Factor by which a unit is wrong, if the resistance of the cells were impossible; otherwise 1."""
     if CELL_OHM[0] <= per_cell <= CELL_OHM[1]:
         return 1.0
-    # a current that is too large by a factor makes the resistance too small by it
+    # a current too large by a factor makes the resistance too small by the same factor
     fitting = [f for f in SLIPS if 3 * CELL_OHM[0] <= per_cell / f <= CELL_OHM[1] / 3]
     if not fitting:
         return 1.0
@@ -331,7 +331,7 @@ def _told(p: Proposed, rights: Rights) -> None:
 def _surfaces(
     proposal: Proposal, warm: Surfaces, rights: Rights, seconds: float, volted: dict[int, int]
 ) -> dict[int, list[int]]:
-    """Take the thermocouples; returns the strings of the model that each part of them makes.
+    """Assign the thermocouples; return the strings of the model for each part of them.
 
     `volted` tells how many cells of each part have a voltage: where the numbers of the thermocouples leave out some of
     1 … so many, they are the cells' numbers.
@@ -370,7 +370,7 @@ def _surfaces(
 
 
 def _by_name(members: list[Member], volted: int) -> int | None:
-    """Count the cells where the names number them with gaps, and as many voltages confirm it."""
+    """Count the cells if the names number them with gaps and as many voltages confirm the count."""
     numbers = [m.number for m in members]
     gaps = len(numbers) < volted <= min(MAX_CELLS, 1.5 * len(numbers))
     return (
@@ -379,7 +379,7 @@ def _by_name(members: list[Member], volted: int) -> int | None:
 
 
 def _not_fitted(proposal: Proposal, warm: Surfaces, dead: list[Series]) -> None:
-    """Count channels that are called like the thermocouples and never measure among the refused."""
+    """Count channels named like the thermocouples that never measure as refused thermocouples."""
     mine = {m.series.path for m in warm.members}
     for group in alike([*(m.series for m in warm.members), *dead]):
         paths = {m.series.path for m in group}
@@ -388,7 +388,7 @@ def _not_fitted(proposal: Proposal, warm: Surfaces, dead: list[Series]) -> None:
 
 
 def _chunk(cells: int) -> int:
-    """Split rows that are longer than the gateway's own DBC has room for into equal ones."""
+    """Split rows with more cells than the gateway's own DBC allows into equal rows."""
     rows = -(-cells // MAX_CELLS)
     return -(-cells // rows)
 
@@ -407,7 +407,7 @@ def _parts(proposal: Proposal) -> dict[int, int]:
 def _cell_voltages(
     proposal: Proposal, cells: list[Member], factor: float, rights: Rights, parts: dict[int, int]
 ) -> None:
-    """Give the cells' voltages to the strings where there is one for each thermocouple; else they belong to none."""
+    """Assign the cells' voltages to the strings if there is one for each thermocouple; otherwise to none."""
     sound = [m for m in cells if CELL_V[0] < factor * m.series.middle < CELL_V[1]]
     matched = len(cells) == sum(parts.values()) and len(sound) == len(cells)
     place = [(string, k) for string, n in parts.items() for k in range(1, n + 1)]
@@ -462,7 +462,7 @@ def _ranges(proposal: Proposal) -> None:
 
 
 def _rest(proposal: Proposal, series: list[Series], candidates: list[Scored], voltages: list[Scored]) -> None:
-    """Give the reason for each other signal that was considered and not used."""
+    """Note the reason for each other signal that was considered and is not used."""
     used = {p.path for p in proposal.signals} | {path for path, _ in proposal.unused}
     ranked = {c.series.path: c for c in (*candidates, *voltages)}
     for s in series:

@@ -1,4 +1,4 @@
-"""Signals of a new vehicle that measure something; where the data contradict the DBC, bits are read as the data say."""
+"""Signals of a new vehicle that measure something; where data and DBC disagree, the data decide how bits are read."""
 
 from bms_gateway.setup.bit_contradictions import read_right
 from bms_gateway.setup.find_temperatures import is_temperature
@@ -9,11 +9,11 @@ from bms_gateway.setup.signal_words import OTHER_THINGS, has, named, unit_of
 from bms_gateway.setup.vehicle_logs import Traffic
 
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
-"""By signal: what a config has to say against the DBC, and why."""
+"""By signal: keys of a config that correct the DBC, and the reasons."""
 
 
 def readable(traffic: Traffic, proposal: Proposal) -> tuple[list[Series], Rights, list[Series]]:
-    """All series that measure something, with their bits read as the data say, and those that never do."""
+    """Give all series that measure something, bits read as the data require, and the signals that never measure."""
     kept: list[Series] = []
     rights: Rights = {}
     dead: list[Series] = []
@@ -50,8 +50,8 @@ def readable(traffic: Traffic, proposal: Proposal) -> tuple[list[Series], Rights
 
 
 def _likely(s: Series) -> bool:
-    """Whether another reading of the bits is worth telling: of what the gateway could use."""
+    """Whether another reading of the bits is worth a report: only for signals that the gateway could use."""
     unit = unit_of(s.info.unit)
     if unit is not None and unit.family == "current":
-        return True  # of a shunt, a charger, an inverter: each may be the pack's
+        return True  # a current of a shunt, a charger or an inverter may be the pack's
     return not has(named(s.info), OTHER_THINGS) and (unit is None or unit.family != "other")

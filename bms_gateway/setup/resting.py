@@ -1,4 +1,4 @@
-"""The temperature of the surroundings where nothing measures it: by the lowest readings, at rest where there is one."""
+"""Estimates an unmeasured temperature of the surroundings from the lowest readings, at rest if there is a rest."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.thermal import Floats
 
 REST_SHARE: Final = 0.02
-"""Share of the greatest current below which a pack rests: the heat of it is a few ten thousandths."""
+"""Share of the greatest current below which a pack rests: its heat is less than a thousandth of the greatest heat."""
 REST_S: Final = 180.0
 """Shortest rest in which surfaces come near their surroundings."""
 UNKNOWN_K: Final = 3.0
-"""Uncertainty of a lowest reading that is not at rest: cells under load are warmer than what is around them."""
+"""sd of a lowest reading that is not at rest: cells under load are warmer than their surroundings."""
 LEAST_K: Final = 1.0
-"""Least uncertainty of a reading at rest: a cell holds heat for an hour."""
+"""Least sd of a reading at rest: a cell cools for an hour."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Temperature of what is around the cells of a string.
+    """Temperature of the surroundings of a string.
 
     Attributes
     ----------
@@ -39,10 +39,10 @@ class Surroundings:
 
 
 def surroundings(proposal: Proposal, string: int) -> Surroundings:
-    """Take the lowest readings of a string's thermocouples: what is around them is hardly warmer.
+    """Take the lowest readings of a string's thermocouples: the surroundings are hardly warmer.
 
-    Those of a rest are taken if they are nearly as low as all others. Their scatter about the value is the uncertainty:
-    of cells that differ, and that still cool down.
+    Readings of a rest are taken if they are nearly as low as all others. Their scatter is the sd: cells differ, and
+    still cool down.
     """
     cells = [p for p in proposal.of("surface") if p.string == string]
     if not cells:
@@ -65,12 +65,12 @@ def surroundings(proposal: Proposal, string: int) -> Surroundings:
 
 
 def _lower(values: list[float]) -> float:
-    """Lower quartile of values: the least of many may be that of a broken sensor."""
+    """Lower quartile of values: the least of many values may come from a broken sensor."""
     return float(sorted(values)[len(values) // 4])
 
 
 def _rests(current: Proposed) -> Iterator[tuple[float, float]]:
-    """Give begin and end of each long rest, s; a silence is none, it may be a clock that was set."""
+    """Give begin and end of each long rest, s; a silence is no rest, because a clock may have been set."""
     t, amps = current.series.t, np.abs(current.factor * current.series.x)
     still = amps <= max(REST_SHARE * float(amps.max()), current.resolution)
     silent = silences((t * 1e9).astype(np.int64)) > 0
@@ -81,7 +81,7 @@ def _rests(current: Proposed) -> Iterator[tuple[float, float]]:
 
 
 def _celsius(p: Proposed, start: float = -np.inf, stop: float = np.inf) -> Floats:
-    """Give the readings of a time, without what no surroundings have."""
+    """Give the readings of a time that are plausible for surroundings."""
     inside = (start <= p.series.t) & (p.series.t <= stop)
     C = p.factor * p.series.x[inside] + p.shift
     least, most = INPUTS["coolant_inlet"].plausible

@@ -1,4 +1,4 @@
-"""From a proposal to files that the gateway runs with: what is missing, and which thermocouples it would refuse."""
+"""Turns a proposal into files that the gateway runs with: reports what is missing, removes refused thermocouples."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -21,19 +21,20 @@ from bms_gateway.setup.write import Written, write_setup
 from bms_gateway.thermal.cells import CellFacts
 
 MOST_TICKS: Final = 3600
-"""Seconds that are estimated: enough for the first cores. A clock that jumps may make weeks of a log of minutes."""
+"""Greatest number of seconds that are estimated: enough for the first cores. A clock that jumps may turn a log of
+minutes into weeks."""
 
 PIECE_S: Final = 600.0
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What was written, the first cores by it, and how each signal was used.
+    """The written files, the first cores estimated with them, and the use of each signal.
 
     Attributes
     ----------
     notes : tuple of str
-        What to say of them.
+        Remarks for the user.
     """
 
     written: Written
@@ -43,7 +44,7 @@ class Settled:
 
 
 def missing(proposal: Proposal, traffic: Traffic) -> str | None:
-    """Say why no config can be made; None where one can."""
+    """Say why no config can be made; None if one can be made."""
     if not traffic.messages:
         frequent = sorted(traffic.unknown, key=lambda i: -traffic.unknown[i])[:5]
         given = "is in the DBC" if traffic.dbc else "is known: give the vehicle's DBC with --dbc"
@@ -63,7 +64,7 @@ def missing(proposal: Proposal, traffic: Traffic) -> str | None:
 
 
 def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts | None, logs: Iterable[Path]) -> Settled:
-    """Write a config and its models, and estimate with them; a signal whose samples are always refused is left out.
+    """Write a config and its models, and estimate with them; leave out thermocouples whose samples are always refused.
 
     Raises
     ------
@@ -83,7 +84,7 @@ def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts |
 
 
 def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use], bool]:
-    """Run the very engine over the frames at hand, up to `MOST_TICKS`; tell whether there are more."""
+    """Run the engine over the frames, up to `MOST_TICKS`; return whether frames remain."""
     loaded = load_config(config)
     engine = Engine(loaded.plan, loaded.database)
     cores, ticks = Cores(), 0
@@ -100,7 +101,7 @@ def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use], bo
 
 
 def _pieces(frames: FrameBatch) -> Iterator[FrameBatch]:
-    """Cut frames where `PIECE_S` are over: the engine works off all that it is given at once."""
+    """Cut frames into pieces of `PIECE_S`: the engine processes all frames that it is given at once."""
     part = (frames.time_ns - frames.time_ns[0]) // int(PIECE_S * 1e9)
     edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(frames)]
     for first, end in pairwise(edges):

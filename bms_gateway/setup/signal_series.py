@@ -1,4 +1,4 @@
-"""One signal over a log: its values, resolution and rate, and the samples that are no measurement."""
+"""One signal over a log: its values, resolution and rate, and the samples that are not measurements."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ FEWEST: Final = 5
 """Least number of samples of a series that is judged."""
 PARKED: Final = 0.95
 ALONE: Final = 8.0
-"""A value at the end of the bits' range is no measurement if it is so many spreads away from all others."""
+"""A value at the end of the bits' range is not a measurement if it is so many spreads away from all others."""
 COUNTS: Final = 0.9
 _NOT_MEASURED = (int(Quality.NOT_AVAILABLE), int(Quality.ERROR), int(Quality.CRC))
 
@@ -29,13 +29,13 @@ class Series:
     ----------
     info : SignalInfo
     t : ndarray (n,), s
-        From the begin of the traffic.
+        From the beginning of the traffic.
     x : ndarray (n,)
-        Physical values as the DBC has them, less what is no measurement.
+        Physical values by the DBC, measurements only.
     seen : int
         Samples of all kinds.
     dropped : dict of str to int
-        What is no measurement, by reason.
+        Number of samples that are not measurements, by reason.
     outside : int
         Samples outside the range that the DBC declares.
     """
@@ -67,12 +67,12 @@ class Series:
 
     @property
     def constant(self) -> bool:
-        """Whether it never moves."""
+        """Whether the value never changes."""
         return self.distinct <= 1
 
     @property
     def counts(self) -> bool:
-        """Whether it goes up by the same step each time, or round and round: a counter or a clock."""
+        """Whether it rises by the same step each time, with wrap-around or without: a counter or a clock."""
         if len(self.x) < 20 or self.distinct < 8:
             return False
         d = np.diff(self.x)
@@ -85,7 +85,7 @@ class Series:
 
     @property
     def staircase(self) -> bool:
-        """Whether it goes up by one step again and again, and back to its begin at once: no temperature does."""
+        """Whether it repeatedly rises step by step and falls back to its first value: no temperature does."""
         moved = np.diff(self.x)
         moved = moved[moved != 0]
         if self.distinct < 8 or len(moved) < 8:
@@ -97,7 +97,7 @@ class Series:
 
     @property
     def roughness(self) -> float:
-        """Step from sample to sample over that of the same samples in random order: near 0 smooth, 1 noise."""
+        """Mean step from sample to sample, relative to that of the samples in random order: near 0 smooth, 1 noise."""
         if len(self.x) < FEWEST or self.constant:
             return 0.0
         order = np.random.default_rng(1).permutation(len(self.x))
@@ -120,7 +120,7 @@ class Series:
 
 
 def all_series(traffic: Traffic, signals: Iterable[SignalInfo] | None = None) -> list[Series]:
-    """Decode signals, by default all that are known, to series; those without a sample are left out."""
+    """Decode signals, by default all known ones, to series; signals without a sample are left out."""
     chosen = [
         s
         for s in (signals or [s for m in traffic.messages.values() for s in m.signals.values()])
@@ -163,13 +163,13 @@ def _series(info: SignalInfo, t: Floats, x: Floats, flag: NDArray[np.uint8]) -> 
 
 
 def _resolution(values: Floats) -> float:
-    """Smallest step between values that are not one value twice with rounding."""
+    """Smallest step between values that differ by more than rounding."""
     steps = np.diff(values)
     return float(steps[steps > 1e-9 * np.abs(values[1:])].min(initial=np.inf)) if len(steps) else 0.0
 
 
 def _sentinels(info: SignalInfo, x: Floats, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Find samples at an end of what the bits can hold that stand far from all others."""
+    """Find samples at an end of the bits' range that are far from all others."""
     none = np.zeros(len(x), np.bool_)
     if info.is_float or info.place.size < 4 or not keep.any():
         return none

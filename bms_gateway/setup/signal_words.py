@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 from bms_gateway.frames.signal_info import SignalInfo
 
 _RUN_ON: Final = re.compile(r"(bms|bmu|bcu|bmc|b?ess|pack|string|rack|stack|batt?|hvb|akku)([a-h])", re.I)
-"""A letter that stands for a number and has run onto its word: BMSA, BMSB."""
+"""A letter that stands for a number and follows its word without a separator: BMSA, BMSB."""
 _CAPITALS: Final = re.compile(r"([A-Z]{3,})([A-H])")
-"""The same at the end of any word in capitals, where a name is compared with others."""
+"""The same at the end of any word in capitals, for the comparison of names."""
 _PARTS: Final = re.compile(r"So[CHE](?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
@@ -100,7 +100,7 @@ AMBIENT: Final = _list("""
 
 
 class Unit(NamedTuple):
-    """A unit as a DBC prints it: what it measures, and SI (°C) = factor · value + offset."""
+    """Meaning of a unit as a DBC prints it: its quantity, and SI (°C) = factor · value + offset."""
 
     family: str
     factor: float
@@ -148,7 +148,7 @@ _SPELT: Final = re.compile(r"[\s_.*²]|deg(?=[ckf]$)|^unit[:_]?")
 
 
 def unit_of(text: str) -> Unit | None:
-    """Tell what a printed unit measures; None where it says nothing known, a family `other` for other things.
+    """Find the quantity of a printed unit; None if unknown, the family `other` for quantities that are not used.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def unit_of(text: str) -> Unit | None:
     name = text.rpartition(":")[2].strip().lower().replace("â", "").replace("\u00b3", "3").replace("^", "")
     if not name or name in ("-", "1", "none", "n/a", "unitless"):
         return None
-    plain = re.sub(r"[^a-z0-9%/]", "", name)  # what an encoding has made of a degree sign is nothing
+    plain = re.sub(r"[^a-z0-9%/]", "", name)  # a degree sign in a wrong encoding is dropped
     for spelt in (name, _SPELT.sub("", name), name.replace("deg", "").strip(), plain, plain.replace("deg", "")):
         if spelt in UNITS:
             return UNITS[spelt]
@@ -176,17 +176,17 @@ _KNOWN: Final = frozenset(
     for w in group
 )  # fmt: skip
 _SHORTEST: Final = 3
-"""Letters of the shortest word that is looked for inside a compound, but for those of _SHORT."""
+"""Length of the shortest word that is searched inside a compound, except those of _SHORT."""
 _SHORT: Final = frozenset(("hv", "lv", "dc", "ac"))
 _SYMBOLS: Final = "tuvi"
-"""Letters that stand for a quantity before the word that says of what: Tmot, Ubus."""
+"""Letters that stand for a quantity in front of the word for its object: Tmot, Ubus."""
 _SYLLABLES: Final = 3
 """Syllables of the longest Pinyin word in the lists."""
 
 
 @lru_cache(maxsize=65536)
 def words(text: str) -> tuple[str, ...]:
-    """Cut a name into its words; compounds of words of the lists too.
+    """Cut a name into its words; compounds of known words are cut too.
 
     Examples
     --------
@@ -204,7 +204,7 @@ def words(text: str) -> tuple[str, ...]:
 
 
 def _moved(parts: list[str]) -> list[str]:
-    """Give a capital back to the abbreviation before it where only so the word after it is known: BMSmax."""
+    """Move a capital letter to the abbreviation before it if this makes the word after it a known one: BMSmax."""
     for k in range(1, len(parts)):
         before, w = parts[k - 1], parts[k]
         if before.isupper() and w[0].isupper() and w.lower() not in _KNOWN and w[1:] in _KNOWN:
@@ -213,7 +213,7 @@ def _moved(parts: list[str]) -> list[str]:
 
 
 def _joined(parts: list[str]) -> Iterable[str]:
-    """Join syllables that are written as words of their own and make a known word together: DianLiu."""
+    """Join syllables that are written as separate words and form a known word: DianLiu."""
     k = 0
     while k < len(parts):
         for end in range(min(k + _SYLLABLES, len(parts)), k, -1):
@@ -225,7 +225,7 @@ def _joined(parts: list[str]) -> Iterable[str]:
 
 
 def _compound(word: str) -> list[str]:
-    """Cut a word that is not known into known ones; the word itself where that is not possible."""
+    """Cut an unknown word into known ones; if this is not possible, return the word itself."""
     if word in _KNOWN or not word.isalpha():
         return [word]
     if word[0] in _SYMBOLS and word[1:] in _KNOWN and len(word) > _SHORTEST:
@@ -260,13 +260,13 @@ def has(given: tuple[str, ...], *lists: tuple[str, ...]) -> bool:
 
 
 def of_liquid(info: SignalInfo) -> bool:
-    """Whether signal or message is named after a liquid coolant, and not after air."""
+    """Whether the name of signal or message says that the coolant is a liquid."""
     given = (*named(info), *around(info))
     return has(given, tuple(w for w in COOLANT if w not in INWARD)) and not has(named(info), AMBIENT)
 
 
 def statistic(info: SignalInfo) -> str | None:
-    """`max`, `min` or `mean` where the name says that the signal is one of several cells."""
+    """`max`, `min` or `mean` if the name says that the signal is a statistic of several cells."""
     return next((STATISTIC[w] for w in named(info) if w in STATISTIC), None)
 
 

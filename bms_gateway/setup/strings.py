@@ -1,4 +1,4 @@
-"""Parallel strings with a current signal each: which current, voltage and SOC belong to which thermocouples."""
+"""Parallel strings with a current signal each: assigns current, voltage and SOC to the thermocouples of each string."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -14,21 +14,21 @@ from bms_gateway.setup.signal_words import has, words
 
 STRING: Final = ("string", "str", "strang", "stg", "rack", "pack", "batt", "battery", "bat", "akku")
 LEAST: Final = 1.5
-"""Least score of the current of each string."""
+"""Least score of each string's current."""
 ADDS_UP: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """What one string says of itself.
+    """The signals of one string.
 
     Attributes
     ----------
     electrical : Electrical
     charge : list of Scored
-        The candidates of its SOC, the likeliest first; empty where the pack has one for all.
+        Candidates for its SOC, the likeliest first; empty if one SOC is for the whole pack.
     cells : list of Member
-        Voltages of its cells; those of the whole pack where they are not told apart.
+        Voltages of its cells; if they cannot be assigned to strings, those of the whole pack.
     """
 
     electrical: Electrical
@@ -43,10 +43,10 @@ class Strings:
     Attributes
     ----------
     members : list of Member
-        The thermocouples, with the string as their part.
+        The thermocouples; `part` is the string.
     own : dict of int to Own
     remark : str or None
-        What makes it unsure that each has the right one.
+        Reason to doubt the assignment.
     """
 
     members: list[Member]
@@ -62,14 +62,14 @@ def own_strings(
     cells: list[Member],
     edges: NDArray[np.float64],
 ) -> Strings | None:
-    """Find currents that are told apart by the same numbers or letters as the thermocouples are; None where none are.
+    """Find currents whose names have the same numbers or letters as those of the thermocouples; None if there are none.
 
     Parameters
     ----------
     surfaces : list of Member
     series : list of Series
     candidates, voltages : list of Scored
-        What may be a current, a voltage of a pack.
+        Candidates for a current and for a voltage of a pack.
     cells : list of Member
         The cells' voltages.
     edges : ndarray, s
@@ -105,7 +105,7 @@ def own_strings(
 
 
 def _ways(surfaces: list[Member]) -> list[list[int]]:
-    """Ways to tell the string of each thermocouple: by one of the numbers in its names."""
+    """Ways to assign a string to each thermocouple: each uses one of the numbers in the names."""
     ways = [[m.where[k] for m in surfaces] for k in range(len(surfaces[0].where))] if surfaces else []
     if not ways and surfaces and len(surfaces[0].whole) == 1:  # one thermocouple each
         ways = [[m.whole[0] for m in surfaces]]
@@ -115,8 +115,8 @@ def _ways(surfaces: list[Member]) -> list[list[int]]:
 
 
 def _split(ranked: list[Scored], keys: set[int]) -> list[dict[int, Scored]]:
-    """Find the groups that are called alike, with one signal for each key."""
-    by_path = {c.series.path: c for c in reversed(ranked)}  # of several readings of one signal the best
+    """Find the groups of similar names with one signal for each key."""
+    by_path = {c.series.path: c for c in reversed(ranked)}  # of several interpretations of one signal the best
     wanted = {(key,) for key in keys}
     return [
         {m.whole[0]: by_path[m.series.path] for m in group}
@@ -133,7 +133,7 @@ def _cells_of(cells: list[Member], keys: set[int], key: int) -> list[Member]:
 
 
 def _total(pairs: dict[int, Electrical], candidates: list[Scored], edges: NDArray[np.float64]) -> str | None:
-    """Say what another current beside them does not fit: their sum should be that of the pack."""
+    """Report another current that contradicts the strings' currents: their sum should be the pack's current."""
     own = [e.current for e in pairs.values() if e.current is not None]
     alone = {m[0].series.path for m in alike([c.series for c in candidates]) if len(m) == 1}
     others = [c for c in candidates if c.series.path in alone and c.score > LEAST and not c.series.constant]

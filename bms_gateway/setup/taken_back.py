@@ -1,4 +1,4 @@
-"""A folder that holds all of a new setup or nothing of it, whenever the program is stopped."""
+"""Keeps a folder consistent: it holds all files of a new setup or none, whenever the program is stopped."""
 
 import os
 import re
@@ -16,18 +16,18 @@ from bms_gateway.whole import whole
 
 _NAMES: Final = r"(gateway\.toml(\.bak\d*)?|string_\d+\.toml|vehicle\.dbc|guessed\.dbc|cores\.png)"
 _OURS: Final = re.compile(rf"{_NAMES}|\.{_NAMES}\.[0-9a-f]{{16}}\.tmp")
-"""Names of what a setup writes, and of what has not got its name yet."""
+"""Names of files that a setup writes, and of its temporary files."""
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
 def taken_back(folder: Path) -> Iterator[None]:
-    """Let a folder be as it was before, with the files of an older setup, unless what is within comes to its end.
+    """Restore a folder, with the files of an older setup, unless the block inside ends without an exception.
 
     Parameters
     ----------
     folder : Path
-        It may be missing; the folders that are made for it are taken back too.
+        It may be missing; folders that were created for it are removed too.
     """
     made = [p for p in (folder, *folder.parents) if not os.path.lexists(p)]
     with ExitStack() as stack:
@@ -45,11 +45,11 @@ def taken_back(folder: Path) -> Iterator[None]:
 
 
 def _files(folder: Path, stack: ExitStack) -> dict[str, BinaryIO | None]:
-    """List what has names of ours in a folder, with the plain files open for reading."""
+    """List the entries of a folder that have our names, with the plain files open for reading."""
     found: dict[str, BinaryIO | None] = {}
     for name in _names(folder):
         found[name] = None
-        with suppress(OSError):  # what cannot be read is not written either, or stays where it is
+        with suppress(OSError):  # a file that cannot be read is either not written or left in place
             handle = os.open(folder / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
             file = stack.enter_context(os.fdopen(handle, "rb"))
             if S_ISREG(os.fstat(handle).st_mode):
@@ -60,12 +60,12 @@ def _files(folder: Path, stack: ExitStack) -> dict[str, BinaryIO | None]:
 def _names(folder: Path) -> list[str]:
     try:
         return [p.name for p in folder.iterdir() if _OURS.fullmatch(p.name)]
-    except OSError:  # missing, or closed to this user, who then writes nothing there
+    except OSError:  # missing, or not accessible to this user, who then writes nothing there
         return []
 
 
 def _restore(folder: Path, before: dict[str, BinaryIO | None]) -> None:
-    """Take away what is new, and put back what was replaced."""
+    """Remove new files, and restore replaced ones."""
     new = [name for name in _names(folder) if name not in before]
     if new:
         at = open_folder(folder)
@@ -82,7 +82,7 @@ def _restore(folder: Path, before: dict[str, BinaryIO | None]) -> None:
 
 
 def _same(path: Path, file: BinaryIO) -> bool:
-    """Whether a file was not replaced: whoever writes here gives a name to another file."""
+    """Whether a file was not replaced: each write renames another file to its name."""
     try:
         return os.path.samestat(path.stat(), os.fstat(file.fileno()))
     except OSError:
@@ -91,7 +91,7 @@ def _same(path: Path, file: BinaryIO) -> bool:
 
 @contextmanager
 def _interrupts_kept() -> Iterator[None]:
-    """Raise an interrupt again at the end where what is within has swallowed it, as some libraries do when loaded."""
+    """Raise an interrupt again if the block has swallowed it, as some libraries do while they load."""
     seen: list[int] = []
 
     def interrupt(number: int, _: FrameType | None) -> None:
@@ -113,7 +113,7 @@ def _interrupts_kept() -> Iterator[None]:
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Keep signals that ask for the end until this is done."""
+    """Delay signals that ask for the end until the block is done."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:
         yield

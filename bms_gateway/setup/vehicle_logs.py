@@ -1,4 +1,4 @@
-"""Logs and DBC of a vehicle without a config: read leniently; everything that was skipped is reported."""
+"""Reads logs and DBC of a vehicle without a config, leniently; everything that was skipped is reported."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -28,31 +28,31 @@ MOST_FRAMES: Final = 2_000_000
 BETWEEN_LOGS_NS: Final = 60_000_000_000
 WRONG: Final = "the time stamps are wrong"
 LEAST_S: Final = 1.0
-"""In a shorter log there is no tick of the engine."""
+"""A shorter log has no tick of the engine."""
 CHUNK: Final = 100_000
-"""Frames that are compared at once."""
+"""Number of frames that are compared at once."""
 
 
 @dataclass(slots=True)
 class Traffic:
-    """Frames of all logs on one line of time, and the messages of the DBC files that are among them.
+    """Frames of all logs on one time axis, and the messages of the DBC files that occur in them.
 
     Attributes
     ----------
     frames : FrameBatch
     messages : dict of name to MessageInfo
-        Only those seen; with the identifier that was seen where J1939's source address differs.
+        Only those seen; if the source address of J1939 differs, with the identifier that was seen.
     strict : bool
-        The DBC files are sound, with the addresses of this bus: a config may name them. Otherwise what it needs is
-        written anew.
+        Whether a config may name the DBC files: they are sound and have the addresses of this bus. Otherwise the needed
+        part is written as a new file.
     faulty : bool
-        A DBC file is wrong, as the remarks say.
+        Whether a DBC file is wrong; the remarks say how.
     remarks : list of str
-        What was wrong with logs and DBC files, a sentence each.
+        Faults of logs and DBC files, one sentence each.
     unknown : dict of int to int
-        Frames by identifier that no DBC knows.
+        Number of frames of each identifier that no DBC contains.
     own : bool
-        The traffic is that of our own DBC.
+        Whether the traffic uses our own DBC.
     dbc : tuple of Path
     """
 
@@ -66,7 +66,7 @@ class Traffic:
     dbc: tuple[Path, ...] = ()
 
     def decode(self, signals: Sequence[SignalInfo]) -> Samples:
-        """Decode some signals of all frames, as they are or as somebody thinks that they might be."""
+        """Decode signals of all frames, as the DBC declares them or with changed attributes."""
         known = dict(self.messages)
         for s in signals:
             message = known[s.message]
@@ -100,7 +100,7 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
     for file in dbc:
         found, whole = _read(file, remarks)
         if found and all(own_ids.get(m.name) == m.can_id for m in found):
-            continue  # our own, which every config has
+            continue  # our own DBC, which every config has
         foreign.append(file)
         messages += found
         sound &= whole
@@ -142,7 +142,7 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
                     break
         of_log = FrameBatch.concat(mine)
         if len(of_log):
-            # logs of different days on one line of time
+            # logs of different days on one time axis
             shift = 0 if end is None else end + BETWEEN_LOGS_NS - int(of_log.time_ns[0])
             if int(of_log.time_ns[-1]) + shift > LONGEST_NS:
                 raise DataError(f"{log}: by their stamps these logs last for centuries in all; give fewer of them")
@@ -162,7 +162,7 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
 
 
 def _useless(traffic: Traffic) -> str | None:
-    """Say why no signal can be told from its movement; None where one may be."""
+    """Say why the movement of the bits identifies no signal; None if it may."""
     f = traffic.frames
     what = f"{len(f)} frame{'s' if len(f) > 1 else ''}"
     if traffic.seconds < LEAST_S:
@@ -193,7 +193,7 @@ def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
 def _among(
     messages: list[MessageInfo], seen: dict[int, int], remarks: list[str]
 ) -> tuple[dict[str, MessageInfo], bool]:
-    """Messages that were seen, J1939 ones at the identifier that was seen, and whether each is in the files once."""
+    """Give the messages seen (of J1939 at the identifier seen), and whether each is defined only once."""
     chosen: dict[str, MessageInfo] = {}
     sound, by_id = True, {m.can_id: m for m in messages}
     for m in messages:
@@ -224,13 +224,13 @@ def _among(
                 f"not from 0x{m.can_id & 0xFF:02X} as in the DBC"
             )
     at_home = Counter(m.database for m in chosen.values() if m.can_id & EXTENDED)
-    # where most identifiers are as the DBC has them, the last byte of the others is no address either
+    # if most identifiers match the DBC, the last byte of the others is no address either
     remarks += [_unmarked(file, names) for file, names in unmarked.items() if len(names) > at_home[file]]
     return chosen, sound
 
 
 def _unmarked(file: str, elsewhere: list[tuple[str, int]]) -> str:
-    """Say that messages come from another source address, if they are of J1939, and how to have them read."""
+    """Report that messages, if they are of J1939, come from another source address, and how to have them read."""
     names = ", ".join(name for name, _ in elsewhere[:3]) + (" …" if len(elsewhere) > 3 else "")
     addresses = ", ".join(f"0x{address:02X}" for address in sorted({a for _, a in elsewhere})[:3])
     return (

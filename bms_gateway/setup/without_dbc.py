@@ -1,14 +1,16 @@
-"""Without a DBC: guesses, by physics alone, which bits are the current, the pack's voltage and thermocouples.
+"""Guesses from physics alone, without a DBC, which bits are the current, the pack's voltage and thermocouples.
 
-Every message is cut into fields as makers cut theirs: bytes, pairs of bytes in both orders, twelve bits from a nibble
-on; a message whose first byte changes from frame to frame and tells the rest is taken apart by that byte. Then
+Every message is cut into fields of usual sizes: bytes, pairs of bytes in both orders, twelve bits that begin at a
+nibble. If the first byte changes from frame to frame and selects the meaning of the others, the message is split by
+this byte. Then
 
-* a voltage is large beside its own movement, and a current is that field of which it takes the steps (Ohm's law), and
-  whose integral takes it down for good: torque and pedal move with it too, less exactly;
-* a thermocouple is slow, follows no step of the voltage, and rises with the heat made, the integral of the current's
-  square; those of one pack stand side by side and read alike.
+* a voltage is large compared with its own changes. The current is the field whose steps occur in the voltage (Ohm's
+  law) and whose integral lowers the voltage permanently. Torque and pedal move with the voltage too, but less exactly;
+* a thermocouple is slow, follows no step of the voltage, and rises with the generated heat, the integral of the squared
+  current. The thermocouples of one pack are adjacent and have similar readings.
 
-Nothing here shows a scale. The factor is the usual one with which the values are those of a vehicle. All are guesses.
+The data do not show a scale. The factor is a usual one that makes the values plausible for a vehicle. All results are
+guesses.
 """
 
 from collections.abc import Iterator
@@ -25,11 +27,11 @@ from bms_gateway.thermal import Floats
 
 STEP_S: Final = 0.5
 FAST_Hz: Final = 1.5
-"""Least rate of a field whose steps are compared with those of another."""
+"""Least sample rate of a field whose steps are compared with those of another."""
 MOST_MEANS: Final = 20_000_000
-"""Means of fields in intervals that are compared: of thousands of fields the first hours."""
+"""Greatest number of interval means that are compared; with thousands of fields only the first hours are used."""
 NOISE: Final = 0.75
-"""Ratio of the mean step to that of the same samples in random order; above it, a field is no measurement."""
+"""Ratio of the mean step to that of the samples in random order, above which a field is not a measurement."""
 LARGE: Final = 0.4
 """Largest spread over median of a pack's voltage while its contactors are closed."""
 WITNESSES: Final = 5
@@ -37,12 +39,15 @@ BY_CHARGE: Final = 0.5
 LARGEST: Final = 3.0
 SAGS: Final = 0.65
 TWINS: Final = 0.996
-"""Correlation above which two fields may read one sensor: then the charge has to tell that one is a voltage."""
+"""Correlation above which two fields may show one sensor: then only the effect of the charge proves that one is a
+voltage."""
 PASSING: Final = 0.02
 OWN_CHARGE: Final = 0.4
-"""Least share of what a current leaves of its voltage that the charge it drew explains, where both are so alike."""
+"""Least share of the voltage's variance, after removal of the current, that the charge must explain if both fields are
+so similar."""
 MOST_TURNS: Final = 40
-"""Changes of a byte that has two values: a temperature of 1 K steps at the edge of a step, and no switch."""
+"""Greatest number of changes of a byte with two values that is still a temperature in steps of 1 K, and not a
+switch."""
 OHM: Final = 0.3
 MOST_PAIRS: Final = 1500
 SLOW: Final = 0.25
@@ -72,12 +77,12 @@ class Guess:
     role : {"current", "voltage", "surface"}
     field : Field
     scale, offset : float
-        To A, V, °C: a usual pair that gives what vehicles have, nothing more.
+        To A, V, °C: a usual pair that gives plausible values.
     score : float
-        Of its role only, to rank.
+        To rank guesses of the same role.
     why : str
     beside : tuple of Field
-        Thermocouples that go with it.
+        Thermocouples of the same group.
     """
 
     role: str
@@ -95,7 +100,7 @@ class Guess:
 
 
 def guess(frames: FrameBatch) -> list[Guess]:
-    """Propose what may be current, voltage and thermocouples, up to three of each, the likeliest first."""
+    """Propose candidates for current, voltage and thermocouples, up to three of each, the likeliest first."""
     if not len(frames):
         return []
     fields = likeliest_cuts([f for f in fields_of(frames) if _measures(f)])
@@ -113,11 +118,11 @@ def guess(frames: FrameBatch) -> list[Guess]:
 
 
 def _measures(f: Field) -> bool:
-    """Whether bits may measure anything: they move, and are neither counter nor check sum."""
+    """Whether bits may be a measurement: they change, and are neither a counter nor a check sum."""
     values = np.unique(f.x)
     if len(values) < (2 if f.place.size == 8 else 3) or len(f.x) < FEWEST_OF_PAGE:
         return False
-    if len(values) == 2:  # a temperature in steps of 1 K that has made one
+    if len(values) == 2:  # a temperature in steps of 1 K that has changed by one step
         return bool(np.ptp(values) == 1 and np.count_nonzero(np.diff(f.x)) <= MOST_TURNS)
     d = np.diff(f.x)
     moved = d[d != 0]
@@ -128,7 +133,7 @@ def _measures(f: Field) -> bool:
 
 
 def _on_grid(f: Field, edges: Floats) -> Floats:
-    """Mean in each interval; where there is none the last value, as long as it is not too old."""
+    """Mean in each interval; without samples the last value, unless it is too old."""
     n = len(edges) - 1
     at = np.searchsorted(edges, f.t, side="right") - 1
     inside = at < n
@@ -141,7 +146,7 @@ def _on_grid(f: Field, edges: Floats) -> Floats:
 
 
 def _steps(grid: Floats) -> Floats:
-    """Give the steps of each row, of unit length; one switching-on does not outweigh a drive."""
+    """Give the steps of each row, limited and normalised: one switching-on does not outweigh a drive."""
     d = np.nan_to_num(np.diff(grid, axis=1))
     if not d.shape[1]:
         return d
@@ -156,7 +161,7 @@ def _steps(grid: Floats) -> Floats:
 def _electrical(
     fields: list[Field], grid: Floats, fast: list[int], large: list[int]
 ) -> tuple[list[Guess], Guess | None]:
-    """Rank currents by how exactly a voltage takes their steps; with the voltage that most messages agree on."""
+    """Rank currents by the correlation of their steps with those of the voltage on which most messages agree."""
     d, slower = _steps(grid[fast]), _steps(grid[fast][:, ::4])
     rows = [fast.index(j) for j in large]
     r = 0.5 * (np.abs(d @ d[rows].T) + np.abs(slower @ slower[rows].T))
@@ -183,7 +188,7 @@ def _electrical(
 
 
 def _pairs(fields: list[Field], fast: list[int], large: list[int], r: Floats) -> list[tuple[float, int, int]]:
-    """Pair what may be a current with what may be its voltage, the likeliest first: score, current, voltage."""
+    """Pair candidates for current and voltage, the likeliest first: score, current, voltage."""
     rough = {i: _roughness(fields[i]) for i in fast}
     swing = {j: _swing(fields[j]) for j in large}
     found: list[tuple[float, int, int]] = []
@@ -200,7 +205,7 @@ def _pairs(fields: list[Field], fast: list[int], large: list[int], r: Floats) ->
 def _explained_too(
     found: list[tuple[float, int, int]], grid: Floats, r: dict[tuple[int, int], float]
 ) -> Iterator[tuple[float, int, int]]:
-    """Add to each pair's score what the current and its charge explain; two readings of one sensor are no pair."""
+    """Add the explained share of the voltage to each pair's score; two readings of one sensor are no pair."""
     for score, i, j in found:
         share, by_charge = _explained(grid[i], grid[j])
         if r[i, j] <= TWINS or by_charge > OWN_CHARGE:
@@ -208,7 +213,7 @@ def _explained_too(
 
 
 def _agreed(fields: list[Field], found: list[tuple[float, int, int]]) -> int | None:
-    """Voltage of which the most messages take the steps: current, torque, power and pedal are four."""
+    """Find the voltage whose steps occur in the most messages: current, torque, power and pedal are four."""
     best: dict[int, dict[int, float]] = {}
     for score, i, j in found:
         mine = best.setdefault(j, {})
@@ -217,16 +222,16 @@ def _agreed(fields: list[Field], found: list[tuple[float, int, int]]) -> int | N
 
 
 def _explained(I: Floats, V: Floats) -> tuple[float, float]:  # noqa: E741 — the field's
-    """Share of a voltage's movement that a current and the charge it drew explain, and what the charge adds to it.
+    """Share of a voltage's variance explained by a current and its charge, and the part that the charge adds.
 
-    What is drawn takes a voltage down at once and for good; a pedal comes back to where it was. Where the charge has
-    the other sign than the current, its share is negative: then the "current" is the voltage.
+    A charge that is drawn lowers the voltage permanently; a pedal returns to its value. If charge and current have
+    opposite signs, the share is negative: then the "current" is the voltage.
     """
     on = np.isfinite(I) & np.isfinite(V)
     on &= np.greater(V, 0.5 * np.nanquantile(V, 0.95))
     if on.sum() < 20:
         return 0.0, 0.0
-    ramp = np.linspace(-1.0, 1.0, len(I))  # what the value of no current may be is not known
+    ramp = np.linspace(-1.0, 1.0, len(I))  # the raw value of zero current is not known
     charge = np.nancumsum(I - np.nanmean(I))
     A = np.column_stack([np.ones(len(I)), ramp, I, charge])[on]
     A[:, 2:] /= np.maximum(np.abs(A[:, 2:] - A[:, 2:].mean(axis=0)).max(axis=0), 1e-9)
@@ -239,13 +244,13 @@ def _explained(I: Floats, V: Floats) -> tuple[float, float]:  # noqa: E741 — t
 
 
 def _swing(f: Field) -> float:
-    """Spread over the middle while it is on; that of a pack is some hundredths."""
+    """Spread divided by the median while it is on; for a pack a few per cent."""
     low, middle, high = np.quantile(f.x[f.x > 0.5 * np.quantile(f.x, 0.95)], (0.02, 0.5, 0.98))
     return float((high - low) / middle)
 
 
 def _roughness(f: Field) -> float:
-    """Step over that of the samples in random order."""
+    """Mean step, relative to that of the samples in random order."""
     shuffled = np.abs(np.diff(np.random.default_rng(1).permutation(f.x))).mean()
     return float(np.abs(np.diff(f.x)).mean() / shuffled) if shuffled > 0 else 1.0
 
@@ -266,7 +271,7 @@ def _large(f: Field) -> bool:
 
 
 def _rest(f: Field) -> float:
-    """Raw value of no current: 0 where it is among the values, else that which comes most often."""
+    """Raw value of zero current: 0 if it occurs, otherwise the most frequent value."""
     if f.place.signed or f.x.min() == 0.0:
         return 0.0
     values, counts = np.unique(f.x, return_counts=True)
@@ -274,7 +279,7 @@ def _rest(f: Field) -> float:
 
 
 def _rests(f: Field) -> bool:
-    """Whether it moves much beside its middle, as a current does."""
+    """Whether its spread is large relative to its median, as for a current."""
     zero = _rest(f)
     return bool(np.quantile(np.abs(f.x - zero), 0.98) > 5)
 
@@ -292,7 +297,7 @@ def _scaled(x: Floats, scales: tuple[float, ...], ends: tuple[float, float]) -> 
 def _warm(
     fields: list[Field], grid: Floats, length_s: Floats, currents: list[Field], voltage: Guess | None
 ) -> list[Guess]:
-    """Rank groups of slow fields that rise with the heat made."""
+    """Rank groups of slow fields that rise with the generated heat."""
     row = {id(f): i for i, f in enumerate(fields)}
     warmths = [w for f in currents for w in _warmths(grid[row[id(f)]], length_s, f)]
     if not warmths:
@@ -339,7 +344,7 @@ def _shared(a: Guess, b: Guess) -> bool:
 
 
 def _slow(f: Field) -> bool:
-    """Whether a second moves it by next to nothing of its range, or by one step."""
+    """Whether it changes within a second by a small share of its range, or by one step."""
     span = float(np.ptp(np.quantile(f.x, (0.01, 0.99))))
     values = np.unique(f.x)
     per_s = np.abs(np.diff(f.x)) / np.maximum(np.diff(f.t), 1.0)
@@ -347,7 +352,7 @@ def _slow(f: Field) -> bool:
 
 
 def _reading(f: Field) -> tuple[float, float] | None:
-    """Find a scale and offset that make a field a plausible temperature which moves no more than cells do."""
+    """Find a scale and offset that turn a field into plausible temperatures of cells, which change slowly."""
     low, middle, high = np.quantile(f.x, (0.02, 0.5, 0.98))
     for scale, offset in READINGS:
         if f.place.size == 8 and scale < 0.5:
@@ -358,13 +363,13 @@ def _reading(f: Field) -> tuple[float, float] | None:
 
 
 def _warmths(current: Floats, length_s: Floats, f: Field) -> list[Floats]:
-    """Heat that a current makes: all of it kept, and as it leaks away within minutes."""
+    """Heat of a current, integrated: without loss, and with a loss within minutes."""
     made = np.nan_to_num((current - _rest(f)) ** 2)
     return [np.cumsum(made), _leaky(made, np.exp(-length_s / LEAKS_S))] if made.any() else []
 
 
 def _warms(x: Floats, warmths: list[Floats]) -> float:
-    """Correlation with the heat made, the largest."""
+    """Largest correlation with the integrated heat."""
     good = np.isfinite(x)
     if good.sum() < 10 or np.ptp(x[good]) == 0:
         return 0.0

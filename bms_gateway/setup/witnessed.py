@@ -1,4 +1,4 @@
-"""What voltage and SOC say of the current that was proposed."""
+"""Checks the proposed current against voltage and SOC."""
 
 from dataclasses import replace
 from typing import Final
@@ -12,22 +12,22 @@ from bms_gateway.setup.heat_resistance import heat_resistance
 from bms_gateway.setup.proposal import Proposal, Proposed
 
 NEAR_ZERO: Final = 0.1
-"""Share of its greatest size that a current has to come below, for its zero to be seen."""
+"""Share of the greatest magnitude below which a current must fall at times, so that its zero is seen."""
 MOST_TORN: Final = 0.3
-"""Share of an interval's samples of the voltage that may be no voltages of the pack."""
+"""Share of an interval's voltage samples that may be invalid."""
 NO_ZERO: Final = "it never comes near 0, and no SOC shows where its zero is"
 NOT_SHOWN: Final = "neither the steps of the voltage nor the SOC confirm it"
 
 
 def hear_witnesses(proposal: Proposal, edges: NDArray[np.float64]) -> None:
-    """Let no current be sure that its voltage or its SOC contradicts or does not confirm, and say why.
+    """Mark a current as not sure, with the reason, if voltage or SOC contradicts it or neither confirms it.
 
     Parameters
     ----------
     proposal : Proposal
         With current, voltage and SOC.
     edges : ndarray, s
-        Of the intervals over which means are taken.
+        Edges of the intervals over which means are taken.
     """
     heard: dict[tuple[str, str, str], Witness] = {}
     for p in proposal.of("current"):
@@ -52,7 +52,7 @@ def hear_witnesses(proposal: Proposal, edges: NDArray[np.float64]) -> None:
 
 
 def measure_heat(proposal: Proposal, edges: NDArray[np.float64]) -> None:
-    """Take the resistance by which the current makes heat, where the log shows one: the median of the strings."""
+    """Set the effective resistance for heat, if the log determines it: the median of the strings."""
     steps = np.diff(edges)
     found: dict[tuple[str, str], float | None] = {}
     if np.ptp(steps) > 1e-6:  # the log has silences
@@ -72,9 +72,9 @@ def _of(proposal: Proposal, role: str, current: Proposed) -> Proposed | None:
 
 
 def _voltage(volts: Proposed, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over intervals without samples whose bytes are of two measurements; NaN where there are many such.
+    """Means over intervals, without samples whose bytes belong to two measurements; NaN if many samples are such.
 
-    Many follow each other while contactors are open, or close.
+    Many such samples follow each other while contactors are open, or close.
     """
     s = volts.series
     V = volts.factor * s.x + volts.shift

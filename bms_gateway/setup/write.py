@@ -1,4 +1,4 @@
-"""A proposal as files: the gateway's config with reasons as comments, a model per string, a DBC where one is needed."""
+"""Writes a proposal as files: the config with reasons as comments, a model for each string, a DBC if one is needed."""
 
 import json
 import math
@@ -33,7 +33,8 @@ _PARALLEL: Final = re.compile(r"\d+p", re.IGNORECASE)
 UNKNOWN_CELL: Final = "21700"
 """Format of an unknown cell: a round one of medium size."""
 FLAT_CELL: Final = (0.148, 0.091, 0.027)
-"""m; proportions of a prismatic cell. An unknown cell of low resistance is prismatic, or round ones in parallel."""
+"""m; proportions of a prismatic cell. An unknown cell of low resistance is prismatic, or consists of round cells in
+parallel."""
 FLAT_OHM_M3: Final = 0.47e-6
 """Resistance times volume of flat cells."""
 LEAST_FLAT_M3: Final = 1e-4
@@ -41,24 +42,25 @@ LARGE_CELL: Final = "4680"
 LARGE_OHM: Final = 6e-3
 """Format of a large round cell, and its resistance over minutes."""
 MOST_LARGE_OHM: Final = 10e-3
-"""More is too much for a large round cell."""
+"""A greater capacity is implausible for a large round cell."""
 UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 1.4, "R_cc": 1.0}
-"""Of R_u: nobody says whether the pack stands in still air or on coolant, which is a factor of fifteen."""
+"""Of R_u: it is unknown whether the pack is in still air or cooled by liquid, which is a factor of fifteen."""
 FROM_STEPS: Final = 1.2
 """Factor from the resistance by steps of a second to that over minutes."""
 FROM_STEPS_SD: Final = 0.35
 FROM_HEAT_SD: Final = 0.2
-"""Of the resistance by all of the voltage's movement: joints are in it, and it changes with temperature and charge."""
+"""Of the resistance from all changes of the voltage: it includes joints, and depends on temperature and charge."""
 LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
 UNKNOWN_DOUBT: Final = 0.35
-"""Share of core minus surface that may be wrong: as of a model whose core no fit has proven."""
+"""Share of core minus surface that may be wrong; as for a model whose core no fit has proven."""
 UNKNOWN_WHY: Final = "the cell is not known and its size is a guess: name the cell (bms-gateway init ... --cell)"
 COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
-"""Surroundings between which those of an unknown cell lie."""
+"""Extremes of cooling between which that of an unknown cell lies."""
 NOT_TWICE: Final = 1.0 - 1e-5
-"""Factor of a scale that is that of the DBC's unit by chance: a config with it is refused, as if it converted twice."""
+"""Factor that avoids a scale which equals that of the DBC's unit by chance: a config with such a scale is refused,
+because it seems to convert twice."""
 MOST_SHOWN: Final = 6
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
@@ -66,7 +68,7 @@ KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What was written, and what to say of it."""
+    """The written files, and remarks for the user."""
 
     config: Path
     files: tuple[Path, ...]
@@ -81,7 +83,7 @@ def write_setup(
     Raises
     ------
     UsageError
-        The folder cannot be written, or holds a gateway.toml of somebody.
+        The folder cannot be written, or already contains a gateway.toml.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -127,9 +129,9 @@ def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], li
 
 
 def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[CellFacts, float | None]:
-    """Say how many cells side by side are one of the model; their resistance, where it is measured, comes second.
+    """Determine how many cells in parallel form one cell of the model, and their measured resistance.
 
-    What `--cell` says is obeyed. Otherwise the charge by current and SOC tells the number, and only then resistance.
+    `--cell` decides if it gives the number; otherwise the capacity from current and SOC, and only then the resistance.
     """
     told = cell_of(UNKNOWN_CELL) if cell is None else cell
     said = any(_PARALLEL.fullmatch(word) for word in told.name.split())
@@ -172,7 +174,7 @@ def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[
 
 
 def _against(proposal: Proposal, notes: list[str], text: str) -> None:
-    """Note what the log says against the named cell; it may be the current that is wrong."""
+    """Note reasons of the log against the named cell; the current may be wrong instead."""
     notes.append(text)
     proposal.against_cell.append(text)
     for p in proposal.of("current"):
@@ -180,7 +182,7 @@ def _against(proposal: Proposal, notes: list[str], text: str) -> None:
 
 
 def _per_cell(proposal: Proposal) -> float | None:
-    """Resistance of a cell of the series over minutes; None where the log does not show it."""
+    """Resistance of one cell in series over minutes; None if the log does not determine it."""
     if not proposal.series_cells or proposal.resistance is None:
         return None
     over_minutes = proposal.heat_resistance or FROM_STEPS * proposal.resistance
@@ -188,7 +190,7 @@ def _per_cell(proposal: Proposal) -> float | None:
 
 
 def _by_charge(cell: CellFacts, one_Ah: float, shown_Ah: float, said: bool, notes: list[str]) -> CellFacts:
-    """Count cells side by side by the capacity that the log shows, unless it is said."""
+    """Count cells in parallel by the capacity from the log, unless `--cell` gives the number."""
     if not said and shown_Ah > UNLIKE * one_Ah:
         cell = replace(cell, parallel=min(max(round(shown_Ah / one_Ah), 2), 200))
         notes.append(
@@ -231,7 +233,7 @@ def _model(
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
         cell_format=_in_words(lumped) if known else None,
     )
-    # the drive may fit a wrong size or a wrong current well: what it says of the core is not proven
+    # a wrong size or a wrong current may fit the drive well: the core is not proven
     against = [text for p in proposal.of("current", string) for text in p.against]
     doubts = (
         *(() if known else (UNKNOWN_WHY,)),
@@ -245,16 +247,16 @@ def _model(
 
 
 def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
-    """Whether the pack has a liquid coolant, by the name of its inlet, and the cell's words do not say its cooling."""
+    """Whether the inlet's name says liquid coolant while the description of the cell does not say its cooling."""
     said = any(word in get_args(Cooling) for word in cell.name.split())
     return not said and any(of_liquid(p.series.info) for p in proposal.of("coolant_inlet"))
 
 
 def unknown_priors(lumped: CellFacts, resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
-    """Priors of a cell that is one of several kinds of the same resistance: their mean.
+    """Priors of a cell of unknown kind: the mean over the kinds with this resistance.
 
-    R_c of a flat or a large round cell is several times that of small round cells in parallel. R_u is midway, as a
-    factor, between still air and liquid coolant. The deviations cover all of them.
+    R_c of a flat or a large round cell is several times that of small round cells in parallel. R_u is the geometric
+    mean of still air and liquid. The standard deviations cover all kinds.
     """
     still, cooled = (
         [cell_priors(replace(c, cooling=cooling), conduction=conduction) for c in _possible(lumped, resistance)]
@@ -266,7 +268,7 @@ def unknown_priors(lumped: CellFacts, resistance: float | None, *, conduction: b
 
 
 def _possible(lumped: CellFacts, resistance: float | None) -> list[CellFacts]:
-    """Cells that an unknown one of this resistance may be: `lumped` round ones, large round ones, one flat cell."""
+    """Kinds that an unknown cell of this resistance may be: small round ones in parallel (`lumped`), large, flat."""
     found = [lumped]
     if not resistance:
         return found
@@ -281,7 +283,7 @@ def _possible(lumped: CellFacts, resistance: float | None) -> list[CellFacts]:
 
 
 def _in_words(cell: CellFacts) -> str:
-    """Describe a cell as `cell_of` reads it, with how many are one of the model."""
+    """Describe a cell as `cell_of` reads it, with the number in parallel."""
     told = cell_of(cell.name).parallel == cell.parallel
     bare = " ".join(word for word in cell.name.split() if not _PARALLEL.fullmatch(word))
     return cell.name if told else f"{bare} {cell.parallel}p"
@@ -365,13 +367,13 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
 
 
 def _spare(proposal: Proposal, p: Proposed) -> bool:
-    """Whether the hottest core needs no such reading: least and mean beside the greatest of the same cells."""
+    """Whether the hottest core does not need this reading: least or mean beside the greatest of the same cells."""
     beside = (q.statistic for q in proposal.of("surface") if q.string == p.string and q.index is None)
     return p.index is None and p.statistic != "max" and "max" in beside
 
 
 def left_out(proposal: Proposal) -> str | None:
-    """Say that the cells have the numbers of the channels that are used; None where that is so or the names count."""
+    """Say that the channels in use number the cells; None if the names do, or if no channel is left out."""
     counted = {p.string for p in proposal.of("surface") if p.index is not None and p.string not in proposal.numbered}
     n = len(proposal.refused)
     if not n or not counted:
@@ -386,7 +388,7 @@ def left_out(proposal: Proposal) -> str | None:
 
 
 def renumbered(proposal: Proposal) -> str | None:
-    """Say which channels the cells of the first string are where their names have other numbers; None where not."""
+    """List the channels of the first string's cells if the names have other numbers; None otherwise."""
     mine = [p for p in proposal.of("surface", 1) if p.index is not None]
     own = [numbers(p.series.info.name)[1][-1:] for p in mine]
     first = own[0][0] if own and own[0] else 0
@@ -400,14 +402,14 @@ def renumbered(proposal: Proposal) -> str | None:
 
 
 def share(proposal: Proposal, cells: int) -> float:
-    """Share of a voltage that belongs to a string of the model: a cell of it for each thermocouple."""
+    """Share of a voltage that belongs to a string of the model, which has a cell for each thermocouple."""
     if not proposal.series_cells:
         return 1.0
     return cells / proposal.series_cells
 
 
 def _cell(p: Proposed, cells: int) -> int:
-    """Cell of the model that a reading is of, or that stands for those that it is of."""
+    """Cell of the model for a reading: its cell, or the one that stands for its cells."""
     if p.index is not None:
         return p.index
     kind: Statistic = "max" if p.statistic == "max" else "min" if p.statistic == "min" else "mean"
