@@ -1,4 +1,4 @@
-"""What a port takes from its bus, and what it may give to it."""
+"""Identifiers that a port receives from its bus, and those that it may send."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -16,12 +16,12 @@ class Access:
     wanted : collection of int or None
         Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
     any_sender : collection of int
-        Those of them that are parameter groups of J1939: received from every source address.
+        Those of `wanted` that are parameter groups of J1939; they are received from every source address.
     own : mapping of int to int
-        Identifiers that may be sent, each with its cycle, ns; anything else is refused. Empty: listen only. Where not
-        all is wanted these are received too: frames of ours that somebody else sends must be seen.
+        Identifiers that may be sent, each with its cycle, ns; anything else is refused. Empty: listen only. They are
+        always received too, so that frames with our identifiers from another sender are seen.
     rate, burst : float, int
-        Of sending, frames per second and frames at once.
+        Limits for sending: frames per second, and frames at once.
     """
 
     wanted: Collection[int] | None = None
@@ -37,4 +37,4 @@ class Access:
 
 
 LISTEN: Final = Access()
-"""All is received and nothing sent."""
+"""Whether everything is received and nothing sent."""

@@ -1,11 +1,11 @@
-"""Vector's BLF through python-can's reader, with bounds on what a damaged or hostile file can make it hold.
+"""Reads Vector's BLF with python-can's reader, with bounds on the memory that a damaged or hostile file can take.
 
 A container of a few kilobytes may unpack to gigabytes, and the header of one object may claim the length of all
-containers that follow. Here both give a damaged record.
+containers that follow. Here both are damaged records.
 
-Frames may lie across the end of a container. Behind one that is damaged, python-can would put what was left of the one
-before it together with the next one, which gives frames that nobody sent. Here reading goes on with the first object
-that begins behind the damage.
+Frames may lie across the end of a container. After a damaged container, python-can would join the rest of the container
+before it to the next one, which makes frames that nobody sent. Here reading goes on with the first object that begins
+after the damage.
 """
 
 import zlib
@@ -26,7 +26,7 @@ class BoundedBlf(blf.BLFReader):
         self._follows = True
 
     def __iter__(self) -> Generator[can.Message, None, None]:
-        """Messages of the containers from here on."""
+        """Messages of the remaining containers."""
         while head := self.file.read(blf.OBJ_HEADER_BASE_STRUCT.size):
             signature, _, _, size, kind = blf.OBJ_HEADER_BASE_STRUCT.unpack(head)
             if signature != b"LOBJ":
@@ -49,13 +49,13 @@ class BoundedBlf(blf.BLFReader):
 
 
 class Bounded:
-    """A file from which nothing huge is read at once, whatever a header claims."""
+    """A file whose reads are limited, whatever a header claims."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
 
     def read(self, size: int) -> bytes:
-        """Read so many bytes, at most `MOST`."""
+        """Read bytes, at most `MOST`."""
         if not 0 <= size <= MOST:
             raise blf.BLFParseError(f"a record of {size >> 20} MiB")
         return self._file.read(size)
@@ -66,7 +66,7 @@ class Bounded:
 
 
 def _first(data: bytes) -> int:
-    """Place of the first object that begins in a container."""
+    """Offset of the first object that begins in a container."""
     at = data.find(b"LOBJ")
     return len(data) if at < 0 else at
 

@@ -1,10 +1,10 @@
-"""candump's text, `(1700000000.000000) can0 0CFFC001#0011AABB`, to and from batches, by columns instead of by lines.
+"""candump's text, `(1700000000.000000) can0 0CFFC001#0011AABB`, to and from batches, column by column.
 
 A block of text is translated to nibbles at once. The fields are then taken as 8-byte words at fixed distances from two
 anchors of each line, its start (the stamp) and its first ``#`` (the id before it, the data after it), and a few shifts
-and multiplications turn all words of a block into numbers. Lines that are not laid out like that (CAN FD, remote
-frames, odd stamps, broken ones) are few and are read one by one by a regular expression. What a line gives depends on
-the line alone, hence not on how the text was cut into blocks.
+and multiplications turn all words of a block into numbers. Lines of another layout (CAN FD, remote frames, odd stamps,
+damaged lines) are few and are read one by one with a regular expression. The result for a line depends on this line
+only, not on the division into blocks.
 """
 
 import re
@@ -211,13 +211,13 @@ def _hex(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _filled(raw: NDArray[np.uint8], start: Where, newline: Where) -> NDArray[np.bool_]:
-    """Which lines have more than white space in them."""
+    """Select the lines that contain more than white space."""
     ink = np.cumsum(_INK[raw], dtype=np.intp)
     return np.asarray(ink[newline - 1] > ink[start - 1])
 
 
 def _trim(raw: NDArray[np.uint8], newline: Where) -> Where:
-    """End of the data: before a carriage return and before the direction that some write."""
+    """End of the data: before a carriage return, and before the direction that some programs write."""
     end: Where = newline - (raw[newline - 1] == 0x0D)
     last = raw[end - 1]
     end -= 2 * (((last == 0x52) | (last == 0x54)) & (raw[end - 2] == 0x20))
@@ -225,7 +225,7 @@ def _trim(raw: NDArray[np.uint8], newline: Where) -> Where:
 
 
 def _words(nibbles: bytes) -> Words:
-    """View the 8 bytes from every position on as one little-endian word."""
+    """View the 8 bytes at every position as one little-endian word."""
     return np.ndarray((len(nibbles) - 7,), "<u8", nibbles, strides=(1,))
 
 
@@ -255,7 +255,7 @@ def _pairs(nibbles: Words) -> NDArray[np.uint8]:
 
 
 def _stamps(padded: bytes, raw: NDArray[np.uint8], words: Words, start: Where) -> tuple[NDArray[np.int64], Where]:
-    """Stamps, and the place after each; that lies beyond the block where the stamp is odd."""
+    """Stamps, and the position after each; for an odd stamp, a position beyond the block."""
     time_ns = np.zeros(len(start), np.int64)
     after = np.full(len(start), len(raw), np.intp)
     rest = np.arange(len(start))
@@ -282,7 +282,7 @@ def _stamps(padded: bytes, raw: NDArray[np.uint8], words: Words, start: Where) -
 
 
 def _ids(raw: NDArray[np.uint8], words: Words, marks: Where) -> tuple[NDArray[np.uint32], Where]:
-    """Ids with 3 or 8 digits, and the place of the blank before each; 0 where the id is odd."""
+    """Ids with 3 or 8 digits, and the position of the blank before each; 0 for an odd id."""
     v = words[marks - 8]
     long = raw[marks - 9] == 0x20
     short = raw[marks - 4] == 0x20
@@ -294,7 +294,7 @@ def _ids(raw: NDArray[np.uint8], words: Words, marks: Where) -> tuple[NDArray[np
 
 
 def _payloads(words: Words, marks: Where, end: Where) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Payloads of up to 8 bytes, their lengths, and whether they are whole."""
+    """Payloads of up to 8 bytes, their lengths, and whether they are complete."""
     digits = end - marks - 1
     fits = (digits >= 0) & (digits <= 16) & (digits & 1 == 0)
     digits = np.where(fits, digits, 0)

@@ -1,4 +1,4 @@
-"""Bus time: the wall clock's numbers on a line that does not jump when the wall clock is set.
+"""Bus time: the time of the wall clock, without the jumps when the wall clock is set.
 
 The kernel stamps frames with the wall clock, and a log of the same traffic contains these numbers. So bus time starts
 as wall time and follows it, including slewing. When the wall clock is *set* (by hand, by GPS, from 1970 at the first
@@ -45,7 +45,7 @@ class BusClock:
     last_step_ns : int
         Size of the latest, positive when the clock was set forward.
     misdated : int
-        Stamps that could not be true, and were replaced by the time of their arrival.
+        Impossible stamps, which were replaced by the time of arrival.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class BusClock:
         wrong = (time_ns > now + STEP_NS) | (time_ns < empty - LATE_NS)
         if wrong.any():
             self.misdated += int(np.count_nonzero(wrong))
-            # that of the frame before it, or else of the one after it, or else now
+            # the stamp of the frame before it, otherwise of the frame after it, otherwise now
             good = np.flatnonzero(~wrong)
             near = np.append(time_ns[good], now)[np.maximum(np.cumsum(~wrong) - 1, 0)]
             time_ns = np.where(wrong, near, time_ns)

@@ -1,4 +1,4 @@
-"""Log formats that python-can knows, as batches. A record that its reader cannot read does not end the run.
+"""Reads log formats that python-can knows, as batches. A record that its reader cannot read does not end the run.
 
 python-can's readers are generators, and the first error ends a generator. But they keep their position in the file. So
 a text reader is started again behind the damaged line, with a blank line in place of the header that it expects at each
@@ -40,7 +40,7 @@ BROKEN: Final = (
     struct.error,
     zlib.error,
 )
-"""What python-can's readers raise on bad records, next to its own."""
+"""Exceptions that python-can's readers raise on bad records, besides its own."""
 LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
 LONGEST_READ: Final = 1 << 26  # characters of one line that are read to find its end
 MOST_BLANK: Final = 100_000  # lines in a row
@@ -61,9 +61,9 @@ class Lines:
     Attributes
     ----------
     number : int
-        Of the last line.
+        Number of the last line.
     idle : int
-        Lines since the last frame; whoever gets a frame sets it to 0.
+        Lines since the last frame; the caller sets it to 0 at each frame.
     """
 
     def __init__(self, path: Path, file: IO[str]) -> None:
@@ -73,7 +73,7 @@ class Lines:
         self._blank = False
 
     def restart(self) -> None:
-        """Put a blank line before the next one."""
+        """Insert a blank line before the next one."""
         self._blank = True
 
     def __iter__(self) -> "Lines":
@@ -135,7 +135,7 @@ def read_foreign(path: Path, kind: str, frames: int, notes: LogNotes) -> Iterato
     Raises
     ------
     DataError
-        The file as a whole is not of this kind.
+        The file is not of this kind.
     MissingExtraError
         MF4 without asammdf.
     """
@@ -190,7 +190,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
 
 
 def _heard(reader: Any, lines: Lines | None) -> Iterator["can.Message"]:
-    """Messages of a reader; its lines are told of each."""
+    """Yield the messages of a reader, and report each of them to the line counter."""
     for message in reader:
         if lines is not None:
             lines.idle = 0
@@ -226,7 +226,7 @@ def _mf4_reader(source: BinaryIO) -> Any:
 
 
 def _decoded_only(reader: Any) -> list[str]:
-    """Names of the signals of an MF4 file that holds no raw CAN frames; none where it does."""
+    """Names of the signals of an MF4 file without raw CAN frames; empty if it has such frames."""
     names = [name for name in reader._mdf.channels_db if name not in ("t", "time", "Timestamp", "timestamps")]
     if any(name.startswith("CAN_") for name in names):
         return []
@@ -235,7 +235,7 @@ def _decoded_only(reader: Any) -> list[str]:
 
 @contextmanager
 def unraised(kind: type[Exception]) -> Iterator[None]:
-    """Print no error of one kind that is raised in `__del__`."""
+    """Suppress the report of one kind of error that is raised in `__del__`."""
     before = sys.unraisablehook
     sys.unraisablehook = lambda said: None if issubclass(said.exc_type, kind) else before(said)
     try:
@@ -245,7 +245,7 @@ def unraised(kind: type[Exception]) -> Iterator[None]:
 
 
 def _opened(path: Path, kind: str) -> IO[bytes]:
-    """Open gzip data; unpacked on the disk for a reader that goes back and forth."""
+    """Open gzip data; for a reader that seeks, unpack it to the disk first."""
     source = io.BufferedReader(Gunzip(path.open("rb"), str(path)))
     if kind != ".mf4":
         return source
@@ -258,7 +258,7 @@ def _opened(path: Path, kind: str) -> IO[bytes]:
 
 
 def _reader(kind: str) -> tuple[Any, ...]:
-    """python-can's reader of a format, and what else may be raised in it."""
+    """python-can's reader of a format, and further exceptions that it may raise."""
     import can
 
     if kind == ".mf4":

@@ -1,8 +1,8 @@
-"""Frames that carry identifiers of our node and that we did not send.
+"""Detects frames with identifiers of our node that another node sent.
 
-A CAN frame has no address of its sender, and every node accepts every identifier. Only we know which frames we sent, so
-only we can notice a second gateway on the bus, or a node that imitates us. We cannot stop it; its frames are refused,
-counted and reported.
+A CAN frame has no address of its sender, and every node accepts every identifier. Only this node knows which frames it
+sent, so only this node can notice a second gateway on the bus, or a node that imitates it. It cannot stop the other
+node; the frames of the other node are refused, counted and reported.
 """
 
 import logging

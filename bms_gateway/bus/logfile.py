@@ -1,4 +1,4 @@
-"""Logged traffic as batches: candump by our own columns, every other format through python-can's readers."""
+"""Reads logged traffic as batches: candump with our own parser, every other format with python-can's readers."""
 
 import gzip
 from collections.abc import Iterable, Iterator
@@ -34,9 +34,9 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
     path : Path or str
         `.log` (candump), `.asc`, `.blf`, `.mf4`, `.trc`, `.csv`, each also with `.gz`.
     chunk : int
-        Bytes of text (candump) or bytes' worth of frames per batch; changes the cuts, nothing else.
+        Bytes of text (candump) or bytes' worth of frames per batch; it only changes the division into batches.
     notes : LogNotes, optional
-        Filled in while reading: what was passed over, with line numbers.
+        Filled in while reading: records that were skipped, with line numbers.
 
     Yields
     ------
@@ -48,7 +48,7 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
     UsageError
         No such file, or no such format.
     DataError
-        The file is not what its name says, or cannot be read.
+        The file is not of the kind that its name says, or cannot be read.
     MissingExtraError
         The format needs an extra.
     """
@@ -74,7 +74,7 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
 
 
 def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "can0") -> int:
-    """Write frames as a candump log; an older file of that name stays until the last frame is written.
+    """Write frames as a candump log; an older file of that name is kept until the last frame is written.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatc
                     if len(frames):
                         yield frames
         except EOFError:
-            # what is left of the last line may look like a whole, shorter frame
+            # the rest of a cut last line may look like a complete, shorter frame
             notes.note_broken(line, CUT_SHORT)
             return
     if carry:

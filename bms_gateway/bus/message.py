@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Tally(Protocol):
-    """Where frames are counted that are no data frames."""
+    """Counter of frames that are not data frames."""
 
     remote: int
 
@@ -24,7 +24,7 @@ class Tally(Protocol):
         ...
 
     def note_impossible(self) -> None:
-        """Count what cannot be a frame."""
+        """Count a record that cannot be a frame."""
         ...
 
 
@@ -66,7 +66,7 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
 
 
 def _is_possible(m: "can.Message", shift_s: float) -> bool:
-    """Whether a bus can have carried this frame: readers also return the content of damaged files."""
+    """Whether a bus can have carried this frame: from damaged files, readers also return impossible frames."""
     in_time = -LATEST_S < m.timestamp + shift_s < LATEST_S  # false for NaN
     return in_time and 0 <= m.arbitration_id <= MOST_ID and len(m.data) <= LONGEST
 

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 from bms_gateway.frames.batch import FrameBatch
 
 GATHER_S: Final = 0.01
-"""How long frames may gather where nothing is known of the room for them."""
+"""How long frames may gather if the size of the buffer is unknown."""
 
 
 class Link(Enum):
@@ -24,7 +24,7 @@ class Link(Enum):
 
 @dataclass(slots=True)
 class Counters:
-    """What went through a port and what did not, since it was opened."""
+    """Counters of a port since it was opened."""
 
     received: int = 0
     sent: int = 0
@@ -34,7 +34,7 @@ class Counters:
     errors: dict[str, int] = field(default_factory=dict)
     """Error frames by class; one frame may be of several."""
     malformed: int = 0
-    """Datagrams that are no CAN frame, and frames that no bus carries."""
+    """Datagrams that are not CAN frames, and frames that no bus carries."""
     stale: int = 0
     """Not sent because a newer value was due."""
     overflow: int = 0
@@ -42,14 +42,14 @@ class Counters:
     limited: int = 0
     """Not sent because its identifier had been sent too often."""
     impostors: int = 0
-    """Frames with identifiers of our node that somebody else sent: refused."""
+    """Frames with identifiers of our node from another sender: refused."""
     outages: int = 0
     clock_steps: int = 0
     misdated: int = 0
-    """Frames whose stamp could not be true: the time of their arrival was taken."""
+    """Frames with an impossible stamp: the time of arrival was used."""
 
     def note_impossible(self) -> None:
-        """Count what cannot be a frame."""
+        """Count a datagram that cannot be a frame."""
         self.malformed += 1
 
     def note_error(self, name: str = "other") -> None:
@@ -58,19 +58,19 @@ class Counters:
 
 
 class Port(Protocol):
-    """A bus to read from and to write to; nothing of it blocks."""
+    """A bus to read from and to write to; no method blocks."""
 
     counters: Counters
     link: Link
 
     @property
     def emptied(self) -> bool:
-        """Whether the latest drain took all that had arrived when it began; else a timer must not fire yet."""
+        """Whether the latest drain took all frames that had arrived when it began; if not, no timer may fire yet."""
         ...
 
     @property
     def gather_s(self) -> float:
-        """How long frames may wait in it, s, with room to spare on a full bus."""
+        """How long frames may wait in the buffer of the port, s, with reserve on a full bus."""
         ...
 
     def fileno(self) -> int:
@@ -82,17 +82,17 @@ class Port(Protocol):
         ...
 
     def drain(self) -> FrameBatch:
-        """Take everything that had arrived when the call began, or as much as is good at once."""
+        """Take all frames that had arrived when the call began, or a part that can be processed at once."""
         ...
 
     def send(self, frames: FrameBatch) -> None:
-        """Queue frames of our node, each stamped with the time it is due."""
+        """Queue frames of our node; the stamp of each is the time at which it is due."""
         ...
 
     def pump(self) -> float | None:
-        """Do what is due (sending, reconnecting); seconds until the next call is wanted, None if nothing waits."""
+        """Send and reconnect as due; return the seconds until the next call is needed, None if nothing waits."""
         ...
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the port."""
         ...

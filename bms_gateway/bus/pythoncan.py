@@ -40,7 +40,7 @@ class PythonCanPort:
     interface, channel : str
         As python-can names them.
     access : Access
-        What it receives and may send.
+        Identifiers to receive and to send.
     clock : BusClock, optional
 
     Raises
@@ -66,7 +66,7 @@ class PythonCanPort:
         self._clock = clock or BusClock()
         self._pacer = Pacer(access.own, self.counters, rate=access.rate, burst=access.burst)
         self._impostors = Impostors(channel, access.own, self.counters)
-        # by ourselves: with filters set, python-can's recv(0) says "nothing there" at the first frame it turns away
+        # filtered here: with filters set, python-can's recv(0) returns nothing at the first frame that it filters out
         received = access.received
         self._wanted = None if received is None else np.array(sorted(received), np.uint32)
         self._groups = group_filters(access.any_sender)
@@ -87,7 +87,7 @@ class PythonCanPort:
         return now
 
     def drain(self) -> FrameBatch:
-        """Take what has arrived; never raises for what the interface does."""
+        """Take the frames that have arrived; faults of the interface raise no exception."""
         messages: list[can.Message] = []
         self._clock.begin()
         self.emptied = self._bus is None
@@ -128,7 +128,7 @@ class PythonCanPort:
         self._pacer.offer(frames)
 
     def pump(self) -> float | None:
-        """Reconnect and send what is due; seconds until the next call is wanted, None if nothing waits."""
+        """Reconnect and send as due; return the seconds until the next call is needed, None if nothing waits."""
         if self._bus is None:
             wait = self._retry_at - time.monotonic()
             if wait > 0:
@@ -145,7 +145,8 @@ class PythonCanPort:
             try:
                 self._bus.send(to_message(*from_wire(wire)), timeout=0)
             except (self._failure, OSError) as error:
-                # python-can does not tell a full queue from a fault: wait; frames that get too old drop out
+                # python-can does not distinguish a full queue from a fault: wait; frames that become too old are
+                # dropped
                 if not self._refused:
                     log.warning("%s %s takes no frames (%s)", self.interface, self.channel, error)
                 self._refused = True

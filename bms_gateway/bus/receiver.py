@@ -1,4 +1,4 @@
-"""Many datagrams in one system call, parsed by numpy in one go.
+"""Reads many datagrams in one system call, and parses them with numpy.
 
 `recvmmsg` fills rows of preallocated buffers; the time stamp and the drop counter lie at fixed places of the ancillary
 data, so that reading them is a column of an array and no Python runs per frame.
@@ -81,7 +81,7 @@ recvmmsg.restype = ctypes.c_int
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One call's worth; `rows` and `sizes` are overwritten by the next call.
+    """Datagrams of one call; the next call overwrites `rows` and `sizes`.
 
     Attributes
     ----------
@@ -133,12 +133,12 @@ class Receiver:
         Returns
         -------
         Received or None
-            None when nothing is there.
+            None if no datagram waits.
 
         Raises
         ------
         OSError
-            As of the socket: the interface went down or away.
+            From the socket: the interface is down or gone.
         """
         while (n := recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0:
             code = ctypes.get_errno()

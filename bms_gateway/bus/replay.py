@@ -1,7 +1,7 @@
-"""Put logged traffic on a bus with its own timing.
+"""Sends logged traffic on a bus with its original timing.
 
-Every frame has an absolute deadline, reckoned from the first frame, so that what is late by a scheduler's hiccup is
-caught up and nothing adds up: after an hour the replay is as punctual as in its first second.
+Every frame has an absolute deadline relative to the first frame. So delays by the scheduler do not accumulate: after an
+hour the replay is as punctual as in its first second.
 """
 
 import errno
@@ -24,7 +24,7 @@ SHOW_S: Final = 0.1
 
 
 class Sender(Protocol):
-    """Where a replay goes: takes frames of any id, waits while the bus is full."""
+    """Target of a replay: takes frames of any id, waits while the bus is full."""
 
     def send(self, frames: FrameBatch) -> None:
         """Send all, now."""
@@ -69,7 +69,7 @@ class SocketCanSender:
         Raises
         ------
         BusError
-            The interface is down or gone, or takes nothing.
+            The interface is down or gone, or takes no frames.
         """
         for wire in to_wire(frames):
             self._send_one(wire)
@@ -97,7 +97,7 @@ class SocketCanSender:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What a replay did.
+    """Result of a replay.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Played:
     took_s : float
         Time that it took.
     worst_late_s : float
-        The latest frame's delay behind its deadline; 0 at full speed.
+        Greatest delay of a frame after its deadline; 0 at full speed.
     """
 
     frames: int

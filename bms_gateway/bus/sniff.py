@@ -1,4 +1,4 @@
-"""What kind of log a file is by its first bytes, for files with a wrong name."""
+"""Finds the kind of a log from its first bytes, for files with a wrong name."""
 
 import re
 import zlib
@@ -23,7 +23,7 @@ _SOFTWARE: Final = {".log": "candump", ".asc": "Vector ASC", ".blf": "Vector BLF
 
 
 def misnamed(path: Path, kind: str) -> str | None:
-    """Tell what is in a file that its name does not say.
+    """Find what a file contains if its name is wrong.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def misnamed(path: Path, kind: str) -> str | None:
     Returns
     -------
     str or None
-        What it is and what to do; None where it is what the name says, or nothing known.
+        The content and the remedy; None if the name is right, or the content unknown.
 
     Raises
     ------

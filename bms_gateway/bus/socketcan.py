@@ -1,10 +1,10 @@
-"""Our own raw SocketCAN port: drained on a timer, stamped by the kernel, alive through every outage of the interface.
+"""Raw SocketCAN port: drained on a timer, stamped by the kernel, still usable after every outage of the interface.
 
-At 8,500 frames/s it is the wake-ups that cost, not the bytes: the service drains the socket every 100 ms, if there is
-the room in the kernel's buffer, and one drain is a system call or two and a few array operations (`receiver`). The
-kernel has stamped each frame long before, so the wait changes no figure. The socket lives as long as the port. When the
-interface goes away the kernel unbinds it (ENODEV, once) and it is bound again by name, with growing delays; when the
-interface is switched off (ENETDOWN, once) it goes on by itself afterwards.
+At 8,500 frames/s the wake-ups cost most of the time, not the bytes. So the service drains the socket every 100 ms if
+the kernel's buffer is large enough, and one drain is one or two system calls and a few array operations (`receiver`).
+The kernel stamps each frame on arrival, so the wait changes no result. The socket lives as long as the port. When
+the interface goes away the kernel unbinds it (ENODEV, once) and it is bound again by name, with growing delays; when
+the interface is switched off (ENETDOWN, once) it goes on by itself afterwards.
 
 The same code runs above one end of a datagram socket pair, for hosts without CAN.
 """
@@ -37,7 +37,7 @@ PACE_S: Final = 0.01  # rhythm of the token bucket: ten tokens per wake-up
 RECEIVE_BUFFER: Final = 8 << 20  # two seconds of a full bus, should the machine be busy elsewhere; taken as it fills
 FRAME_ROOM: Final = 1_024  # bytes that the kernel charges for a frame: 896 on vcan
 FULL_BUS: Final = 8_500  # frames/s of 8 bytes at 1 Mbit/s
-SPARE: Final = 4  # so many times longer than frames gather may a reader be kept from reading before any is lost
+SPARE: Final = 4  # a reader may be delayed by this many gathering times before a frame is lost
 GATHER_MOST_S: Final = 0.1  # ten wake-ups a second cost far less than the frames; longer saves little more
 LEAST_ROOM: Final = 512  # bytes that the kernel charges for any frame: its own head alone takes more
 SO_RCVBUFFORCE: Final = 33
@@ -56,7 +56,7 @@ class SocketCanPort:
     channel : str
         Interface, for example "can0". It need not exist yet.
     access : Access
-        What it receives and may send.
+        Identifiers to receive and to send.
     receive_buffer : int
         Bytes to ask for.
     clock : BusClock, optional
@@ -68,7 +68,7 @@ class SocketCanPort:
     counters : Counters
     link : Link
     emptied : bool
-        As `Port` says.
+        See `Port`.
     receive_buffer : int
         Bytes got.
     gather_s : float
@@ -134,7 +134,7 @@ class SocketCanPort:
         return now
 
     def drain(self) -> FrameBatch:
-        """Take what has arrived; never raises for what the interface does."""
+        """Take the frames that have arrived; faults of the interface raise no exception."""
         parts: list[FrameBatch] = []
         taken, self.emptied = 0, False
         self.clock.begin()
@@ -145,7 +145,7 @@ class SocketCanPort:
                 self._failed(error)
                 if error.errno in (errno.ENETDOWN, *_GONE):
                     continue  # told once; what was received before is still there
-                self.emptied = True  # as far as it can be: nothing more comes out
+                self.emptied = True  # emptied as far as possible: no more frames come out
                 break
             if got is None:
                 self.emptied = True
@@ -179,7 +179,7 @@ class SocketCanPort:
         self._pacer.offer(frames)
 
     def pump(self) -> float | None:
-        """Reconnect and send what is due; seconds until the next call is wanted, None if nothing waits."""
+        """Reconnect and send as due; return the seconds until the next call is needed, None if nothing waits."""
         if self.link in (Link.DOWN, Link.ABSENT):
             wait = self._retry_at - time.monotonic()
             if wait > 0:
@@ -199,7 +199,7 @@ class SocketCanPort:
         return PACE_S if len(self._pacer) else None
 
     def put(self, wire: bytes) -> None:
-        """Hand one frame to the kernel, past queue and limits: `pump` decides when.
+        """Hand one frame to the kernel without queue and limits: `pump` decides when.
 
         Raises
         ------
@@ -213,7 +213,7 @@ class SocketCanPort:
         self._sock.close()
 
     def _ask_buffer(self, size: int) -> int:
-        """Ask for a receive buffer, beyond the system's limit where we may; returns what was got."""
+        """Request a receive buffer, beyond the system's limit if permitted; return the size that was granted."""
         try:
             self._sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, size)
         except PermissionError:
@@ -225,7 +225,7 @@ class SocketCanPort:
 
     def _bind(self) -> bool:
         try:
-            # set each time: the kernel throws the filters away together with the interface
+            # set each time: the kernel removes the filters together with the interface
             self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, self._filters)
             self._sock.bind((self.channel,))
         except OSError as error:

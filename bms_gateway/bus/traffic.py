@@ -1,7 +1,7 @@
-"""Measured or simulated quantities as the frames that a battery management system would send of them.
+"""Makes the frames that a battery management system would send for measured or simulated quantities.
 
-Every message goes out at the cycle time of its DBC, a multiplexed one once per cycle and multiplexer value, and all of
-them spread over the cycle as on a real bus. Each value is taken at its frame's own time stamp.
+Every message is sent at the cycle time of its DBC, a multiplexed one once per cycle and multiplexer value. All messages
+are spread over the cycle as on a real bus. Each value is that at the frame's own time stamp.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,15 +24,16 @@ from bms_gateway.thermal import Floats
 SECOND = 1_000_000_000
 # Where a DBC states no cycle time. Current must be denser than the estimator's tick, its square is what heats.
 ELECTRICAL_NS, OTHER_NS = SECOND // 10, SECOND
-# A column without a value for so long, and for so many of its usual intervals, has a hole: nothing is made up there.
+# A column without a value for this time, and for this number of its usual intervals, has a hole: no values are
+# interpolated there.
 HOLE_S, HOLE_INTERVALS = 10.0, 10.0
 ASIDE = ("voltage", "soc", "flow")
-"""Kinds that do not take their frame with them where a table has a hole, if they can be sent out of range."""
+"""Quantities that, in a hole of a table, do not suppress their frame if they can be sent out of range."""
 HELD_INTERVALS, LONGEST_LINE_S = 2.5, 600.0
-"""A current or voltage is not held over blank rows for longer than so many of its own intervals; a temperature is not
-drawn over them for longer than so many seconds."""
+"""A current or voltage is held over blank rows for at most this number of its own intervals; a temperature is
+interpolated over them for at most this number of seconds."""
 EDGE_S = 1e-6  # width of a step in a series: below any time stamp that matters
-SAME_CURRENT = 0.01  # share of the greatest current below which two readings belong to one level
+SAME_CURRENT = 0.01  # share of the greatest current, up to which two readings are of one level
 CHUNK_S = 600
 
 Key = tuple[str, int | None]
@@ -61,7 +62,7 @@ class Series:
     blanks: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, t: Floats) -> Floats:
-        """Value at the instants `t` (N,), NaN in holes and blanks, and beyond the ends by more than a hole."""
+        """Value at the instants `t` (N,); NaN in holes and blanks, and outside the ends by more than a hole."""
         if not len(self.time_s):
             return np.full(len(t), np.nan)
         j = np.searchsorted(self.time_s, t, "right") - 1
@@ -76,7 +77,7 @@ class Series:
 
 
 def lines(time_s: Floats, value: Floats) -> Series:
-    """Series of a quantity that moves steadily, such as a temperature; NaN rows are passed over."""
+    """Series of a quantity that changes continuously, such as a temperature; NaN rows are skipped."""
     known = np.isfinite(value)
     t = time_s[known]
     return Series(t, value[known], _hole(t), _blanks(time_s, known, min(_hole(t), LONGEST_LINE_S)))
@@ -88,9 +89,9 @@ def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None)
     Parameters
     ----------
     time_s, value : ndarray (K,)
-        NaN rows are passed over.
+        NaN rows are skipped.
     moves : ndarray of bool (K,), optional
-        Only these rows begin with a step; the value goes straight to the others. Default: all.
+        Rows that begin with a step; between the others the value is linear. Default: all rows.
     """
     known = np.isfinite(value)
     t, v = time_s[known], value[known]
@@ -104,10 +105,10 @@ def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None)
 
 
 def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
-    """Series of a voltage: it steps where the current does and creeps straight on where that stays.
+    """Series of a voltage: it steps with the current and is linear while the current is constant.
 
-    Held from row to row, the voltage would lag its own creep; drawn straight through the steps, it would not belong to
-    the current at the same instant. Heat is their product, so both matter.
+    Held from row to row, the voltage would lag its own slow change. Linear across steps, it would not belong to the
+    current at the same instant. Both matter, because heat is their product.
     """
     known = np.isfinite(voltage)
     i = steps(time_s, current).at(time_s[known])
@@ -118,13 +119,13 @@ def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
 
 
 def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
-    """Series of all that a person has measured of a string, by what its channels call them.
+    """Series of all measured quantities of a string, by the names of its channels.
 
     Parameters
     ----------
     rows : Columns
     string : StringPlan
-        Its channels say which greatest, least and mean surfaces it takes.
+        Its channels define which greatest, least and mean surfaces it reads.
     """
     t = rows.time_s
     feed: dict[Key, Series] = {}
@@ -150,7 +151,7 @@ def _hole(t: Floats, intervals: float = HOLE_INTERVALS) -> float:
 def _blanks(time_s: Floats, known: NDArray[np.bool_], limit_s: float) -> Floats:
     """Find the times (H, 2) of blank rows: before the first value, and where they last longer than `limit_s`.
 
-    Shorter ones are as in tables whose quantities come at times of their own.
+    Shorter ones are normal in tables whose quantities have their own sample times.
     """
     at = np.flatnonzero(known)
     if not len(at):
@@ -172,9 +173,9 @@ class _Slot:
     Attributes
     ----------
     silent : bool
-        No signal by J1939: a frame that would have nothing to say is not sent.
+        Whether a frame without any valid value is not sent, as in J1939.
     cargo, mute : tuple of (column, feed, channel)
-        All that it carries, and what cannot be sent as not available.
+        All signals that it carries, and those that cannot be sent as not available.
     """
 
     row: int
@@ -194,16 +195,16 @@ class Traffic:
     database : Database
         Of the plan's DBC files and ours.
     strings : sequence of int, optional
-        Indices into `plan.strings` of those that are fed, in the order of the feeds; default all.
+        Indices into `plan.strings` of the strings with a feed, in the order of the feeds; default all.
     noise_K : float
         White noise added to every temperature sent.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     Attributes
     ----------
     left_out : dict of str to int
-        Frames of each message that carry known values, and were not sent for one that is blank.
+        Number of frames of each message that have known values but were not sent because another value is blank.
 
     Raises
     ------
@@ -247,7 +248,7 @@ class Traffic:
         self._rng = np.random.default_rng([seed, 0xCA])
 
     def _load(self, database: Database, wanted: Sequence[tuple[int, Channel]]) -> list[_Slot]:
-        """Put every channel on the first frame layout that carries its signal; a shared signal is fed by the first."""
+        """Assign each channel to the first frame layout with its signal; a shared signal gets its first channel."""
         cargo: dict[int, dict[int, tuple[int, Channel]]] = {}
         cycles: dict[int, int] = {}
         silent: dict[int, bool] = {}
@@ -280,9 +281,9 @@ class Traffic:
         ]
 
     def made_up(self, feeds: Sequence[Mapping[Key, Series]]) -> list[Channel]:
-        """List what has no values, but would be sent as a measurement: other values of its frames are known.
+        """List signals without values that would be sent as measurements, because their frames have other values.
 
-        Signals that strings take which are not fed are among them.
+        Signals of strings without a feed are included.
         """
         found = []
         for slot in self._slots:
@@ -295,7 +296,7 @@ class Traffic:
         return found
 
     def in_place(self, feeds: Sequence[Mapping[Key, Series]]) -> dict[str, float]:
-        """Tell what is sent, SI, of the signals that have no values and cannot say so: what their reader refuses."""
+        """Give what is sent, SI, for signals without values or a code for not available: their reader refuses it."""
         found: dict[str, float] = {}
         for slot in self._slots:
             if any(_known(feeds[feed], channel) for _, feed, channel in slot.cargo) or not slot.silent:
@@ -312,9 +313,9 @@ class Traffic:
         Parameters
         ----------
         feeds : sequence of mapping
-            One per string fed. A value that is missing leaves as not available. Where its signal cannot say so, the
-            frame is not sent; but a quantity without any values is sent as a value that its reader refuses, and where
-            the signal has no such value, as 0 or the start value (`made_up`).
+            One per string fed. A missing value is sent as not available. If its signal cannot express this, the frame
+            is not sent; but a quantity without any values is sent as a value that its reader refuses, or, if the signal
+            has no such value, as 0 or the start value (`made_up`).
         """
         times, rows, values = [], [], []
         for slot in self._slots:
@@ -341,7 +342,7 @@ class Traffic:
         return FrameBatch(time[order], can_id, length, data)
 
     def stream(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> Iterator[FrameBatch]:
-        """Frames of [start, stop) some minutes at a time."""
+        """Frames of [start, stop), in blocks of some minutes."""
         for t in range(start_ns, stop_ns, CHUNK_S * SECOND):
             yield self.between(feeds, t, min(stop_ns, t + CHUNK_S * SECOND))
 
@@ -353,19 +354,20 @@ class Traffic:
         value = series.at(t)
         if self._noise_K and INPUTS[c.quantity].kind == "temperature":
             value = value + self._noise_K * self._rng.standard_normal(len(t))
-        with np.errstate(over="ignore"):  # what is too large for a float is too large for a signal
+        with np.errstate(over="ignore"):  # a value too large for a float is too large for a signal
             return (value - c.offset) / c.scale
 
 
 def _known(feed: Mapping[Key, Series], c: Channel) -> bool:
-    """Whether a quantity has values at some time."""
+    """Whether a quantity has any value."""
     return c.key in feed and len(feed[c.key].time_s) > 0
 
 
 def _refused(info: SignalInfo, c: Channel) -> float | None:
     """Give a raw value that no reader takes for a measurement; None if there is none.
 
-    A temperature above its range counts as heat. So a temperature takes its lowest value, which a missing sensor reads.
+    A temperature above its range counts as heat. So the lowest value is used for a temperature: a missing sensor has
+    this reading.
     """
     if info.is_float or info.place.size > LARGEST_BITS:
         return None
@@ -384,13 +386,13 @@ def _refused(info: SignalInfo, c: Channel) -> float | None:
 def _cycle(info: SignalInfo, c: Channel) -> int:
     """Cycle time of a signal's frames, ns."""
     if info.mux:
-        # What a DBC states may be meant for the single frames: each multiplexer value then comes once a second.
+        # The cycle time of a DBC may apply to single frames: then each multiplexer value comes once a second.
         return max(info.cycle_ns or 0, OTHER_NS)
     return info.cycle_ns or (ELECTRICAL_NS if INPUTS[c.quantity].electrical else OTHER_NS)
 
 
 def _spread(slots: Sequence[_Slot]) -> list[_Slot]:
-    """Give the slots of one cycle time even phases over it, the slower cycles between the faster ones."""
+    """Spread the slots of each cycle time evenly over it, the slower cycles between the faster ones."""
     out = []
     for rank, cycle in enumerate(sorted({s.cycle_ns for s in slots})):
         same = [s for s in slots if s.cycle_ns == cycle]

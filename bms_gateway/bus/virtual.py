@@ -1,7 +1,7 @@
-"""A pack that exists only here: strings on a drive cycle, with scatter, moving inlet and unknown start, from one seed.
+"""Simulated pack: strings on a drive cycle, with scatter, moving inlet and unknown start, from one seed.
 
-It is simulated in segments, so that ten hours take no more memory than ten minutes. The truth (core of every cell)
-comes with it, to be compared with what the gateway makes of the traffic.
+It is simulated in segments, so that ten hours take no more memory than ten minutes. The true core of every cell is
+given too, for comparison with the gateway's estimates.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,7 +34,7 @@ class Segment:
     time_s : ndarray (K,)
     core_C, surface_C : ndarray (K, n)
     series : mapping of (quantity, cell) to Series
-        Everything that could be measured, free of noise.
+        All measurable quantities, without noise.
     """
 
     string: StringPlan
@@ -46,18 +46,18 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class PackFault:
-    """What breaks in the first string.
+    """A fault of the first string.
 
     Attributes
     ----------
     during_s : (float, float)
         When it begins and ends; whole seconds.
     heat_W : mapping of int to float
-        Heat that a cell, from 1, makes by itself.
+        Additional heat of a cell, by its number from 1.
     R_u, flow : float
-        Resistance to the coolant and its flow, over what they were.
+        Factors on the resistance to the coolant and on the flow.
     current : float
-        Share that really flows of the current that is shown.
+        True current divided by the measured current.
     """
 
     during_s: tuple[float, float]
@@ -169,7 +169,7 @@ class VirtualPack:
         return INLET_C + self._swing * wave
 
     def _start_state(self, string: StringPlan, rng: np.random.Generator) -> Floats:
-        """Somewhere above the coolant, core above surface, cells not alike: the gateway knows nothing of it."""
+        """Start temperatures: above the coolant, cores above surfaces, cells different; unknown to the gateway."""
         n = string.model.cells
         surface = self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)
         x = np.empty(2 * n)
@@ -179,7 +179,7 @@ class VirtualPack:
 
 
 def _truth(string: StringPlan, rng: np.random.Generator, scatter: float, common: float) -> StringParameters:
-    """Parameters of the real string: off from the file together, and from cell to cell."""
+    """Parameters of the true string: they differ from the file by a common factor, and from cell to cell."""
     model = string.model
     p = model.nominal
     drawn = {}
@@ -191,16 +191,16 @@ def _truth(string: StringPlan, rng: np.random.Generator, scatter: float, common:
 
 
 class _Driven(NamedTuple):
-    """What drove a string at T instants.
+    """Inputs of a string at T instants.
 
     Attributes
     ----------
     time : ndarray (T,), s
     current, real : ndarray (T,), A
-        As shown and as it is.
+        Measured and true.
     inlet : ndarray (T,), °C
     flow : ndarray (T,)
-        Over nominal.
+        Relative to nominal.
     drawn : ndarray (T,), A s
         Charge since the start.
     """

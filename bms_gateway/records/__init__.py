@@ -1,1 +1,1 @@
-"""Tables and logs that a person brings, as records of one string: the paper's measured I, T_s, T_f."""
+"""Reads tables and logs of a user as records of one string: measured I, T_s and T_f of the paper."""

@@ -1,4 +1,4 @@
-"""Current, voltage and SOC of each string while an engine reads a log, and what they say of each other."""
+"""Collects current, voltage and SOC of each string while an engine reads a log, and reports their contradictions."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -12,8 +12,8 @@ from bms_gateway.records.current_witness import witness
 from bms_gateway.thermal import Floats
 
 UNLIKE: Final = 1.5
-"""Factor between the capacity by current and SOC and that of the model from which they contradict each other: an SOC
-may count the usable part only, and a cell ages."""
+"""Factor between the capacity from current and SOC and that of the model, above which they contradict each other: an
+SOC may refer to the usable part only, and a cell ages."""
 
 
 class Courses:
@@ -22,7 +22,7 @@ class Courses:
     Parameters
     ----------
     engine : Engine
-        Before the traffic; it is told to give the samples of each tick.
+        Before the traffic; it is configured to give the samples of each tick.
     database : Database
     """
 
@@ -35,7 +35,7 @@ class Courses:
         self._rows: list[Floats] = []
 
     def take(self, event: Event) -> bool:
-        """Take the samples of a tick; returns whether the event was one of these."""
+        """Take the samples of a tick; return whether the event contained samples."""
         if not isinstance(event, Decoded):
             return False
         if self._inputs:
@@ -50,7 +50,7 @@ class Courses:
         return True
 
     def contradictions(self) -> Iterator[str]:
-        """Say which currents their voltage or their SOC contradicts, each once."""
+        """List the currents that contradict their voltage or their SOC, each once."""
         table = np.array(self._rows).reshape(len(self._rows), len(self._inputs))
         told: set[int] = set()
         for string, w in zip(self._engine.plan.strings, self._engine.wires, strict=True):

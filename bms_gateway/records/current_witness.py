@@ -1,20 +1,19 @@
-"""What voltage and charge of a pack say of a current: whether it is the pack's, and whether its zero is at zero.
+"""Checks a current against voltage and SOC of a pack: whether it is the pack's current, and whether it has an offset.
 
-The current of a pack moves its voltage at once and always the same way, by a resistance that is the same for each
-step: V = OCV − R·I. It moves the charge by its integral. So four things show a current that is none of the pack's, or
-one whose offset is wrong:
+The current of a pack changes its voltage at once, with the same resistance at each step: V = OCV − R·I. Its integral
+changes the SOC. So four tests show a current that is not the pack's, or a current with an offset:
 
-* **Steps.** The voltage moves, and this current does not account for its moves: its steps correlate with those of the
-  voltage neither at one second nor at means of two to ten, nor with a delay. Or the voltage often moves the wrong way,
-  as it does against the magnitude of a current.
-* **Level.** A current that never changes its sign leaves the voltage on one side of its level at rest. Where the
-  voltage goes to both sides, the current is a magnitude: it does not tell charge from discharge.
-* **Charge.** The charge moves, and neither this current nor this current less an offset does so by its integral. Where
-  the current less an offset does, the offset is the current at which the charge stands.
-* **Alternation.** Large values follow each other with opposite signs from sample to sample: a phase of a motor.
+* **Steps.** The voltage steps, and the current does not explain these steps: they do not correlate with its own,
+  neither at one second nor as means of two to ten, nor with a delay. Or the voltage often steps in the wrong direction,
+  as it does if the signal is the magnitude of a current.
+* **Level.** Under a current of one sign the voltage stays on one side of its level at rest. If the voltage is on both
+  sides, the signal is a magnitude: it does not distinguish charge from discharge.
+* **SOC.** The SOC changes, but not by the integral of the current. If the SOC follows the integral of the current minus
+  a constant, this constant is the offset: the current at which the SOC is constant.
+* **Alternation.** Large values alternate in sign from sample to sample: the current of a motor phase.
 
-Where the steps agree with the voltage, a charge that does not follow is the fault of the charge: what a vehicle shows
-as its charge is often not that of the pack.
+If the steps agree with the voltage, and the SOC does not follow the current, the SOC is taken to be wrong: the SOC that
+a vehicle shows is often not that of the pack.
 """
 
 from dataclasses import dataclass
@@ -27,45 +26,50 @@ from bms_gateway.frames.ammeter import MOVED, MOVED_STEPS, UNUSUAL
 from bms_gateway.thermal import Floats
 
 BLOCKS: Final = ((1, 5), (2, 2), (5, 1), (10, 0))
-"""Intervals that are taken together, and the longest delay in them: current and voltage may be filtered differently."""
+"""Numbers of intervals that are averaged, and the longest delay, in intervals: current and voltage may be filtered
+differently."""
 ON: Final = 0.3
-"""Share of its greatest value below which a voltage is that of open contactors."""
+"""Share of the greatest voltage, below which the contactors are open."""
 LEAST_MOVES: Final = 20
-"""Moves of the voltage from which on they tell anything."""
+"""Least number of steps of the voltage for a conclusion."""
 EXPLAINED, CLEAR = 0.9, 0.95
-"""Correlation of the steps from which on the current is their cause; from the second number on, whatever else."""
+"""Correlation of the steps above which the current is their cause; above the second number regardless of all other
+evidence."""
 WRONG_WAY: Final = 0.035
-"""Share of the voltage's moves against the current's steps, by size, from which on it is not their cause."""
+"""Share of the voltage's steps in the wrong direction, weighted by size, above which the current is not their cause."""
 ONE_SIDED, REST, LOAD = 0.02, 0.05, 0.2
 """Shares of the greatest current: below the first it has no second sign, below the second it rests, above the third it
 loads."""
 NEAR_REST: Final = 60
-"""Intervals to a rest, within which its level is known."""
+"""Distance to a rest, in intervals, within which the level at rest is known."""
 BOTH_SIDES: Final = 0.1
-"""Share of the load with the voltage on the other side of its level, from which on the current is a magnitude."""
+"""Share of the time under load with the voltage on the other side of its level, above which the current is a
+magnitude."""
 SWAPS: Final = 8
-"""Least times that it changes sides: a voltage that drifts does so once."""
+"""Least number of changes of the side: a drifting voltage changes it once."""
 PARTLY: Final = 0.3
-"""Correlation below which the current is not their cause. Between, current and voltage may be read at other times."""
+"""Correlation below which the current is not the cause of the steps. In between, current and voltage may be sampled at
+different times."""
 SWING: Final = 0.05
-"""Least change of the charge that tells anything."""
+"""Least change of the SOC for a conclusion."""
 FULL_SWING: Final = 0.1
-"""Least change of the charge that tells a capacity."""
+"""Least change of the SOC for an estimate of the capacity."""
 GAP_S, UNSEEN = 10.0, 0.02
-"""Time for which a sample of the current holds, or five usual gaps if these are longer; and the share of the log that
-may lie beyond: nobody knows what flowed there."""
+"""Time for which a sample of the current is held, or five usual gaps if these are longer; and the greatest share of the
+log without a valid current."""
 FOLLOWS: Final = 0.1
-"""Greatest error of the charge by the current's integral, rms over the charge's own, where it follows."""
+"""Greatest rms error of the SOC by the current's integral, relative to the rms of the SOC, if the SOC follows."""
 STRAYS: Final = 0.3
-"""The same where it does not follow."""
+"""The same ratio, above which the SOC does not follow."""
 BETTER: Final = 0.5
-"""Greatest error of a fit over that of a simpler one, by which the simpler one is refuted."""
+"""Ratio of the error of a fit to that of a simpler one, below which the simpler one is refuted."""
 OFFSET: Final = 0.2
-"""Least offset that is told, over the rms of the current without it: more than corrections of a charge make."""
+"""Least offset that is reported, relative to the rms of the current without it: greater than the effect of corrections
+of an SOC."""
 LEAST_A: Final = 2.0
-"""Least offset, and least current that alternates: less may be noise."""
+"""Least offset, and least alternating current: smaller ones may be noise."""
 TREND: Final = 9
-"""Intervals whose median step is taken for a trend, as of a cell that comes to the end of its charge."""
+"""Number of intervals whose median step is the trend, for example near the end of discharge."""
 LARGE, FLIPS, MOST_APART_S = 0.2, 0.3, 1.5
 """Share of the greatest current from which on a value is large; share of neighbours with opposite signs, no more than
 so many seconds apart, in a current that alternates."""
@@ -78,21 +82,21 @@ ALTERNATES: Final = "large values follow each other with opposite signs, as in a
 
 @dataclass(frozen=True, slots=True)
 class Witness:
-    """What the data say of a current.
+    """Result of the checks of a current.
 
     Attributes
     ----------
     against : tuple of str
-        Sentences that begin with what contradicts it; empty where nothing does.
+        Sentences that begin with the contradiction; empty if there is none.
     compared, supported : bool
-        The voltage moves enough to tell; its steps are those of this current.
+        Whether the voltage changes enough for a conclusion; whether its steps are those of this current.
     zero : bool
-        The charge follows its integral, and so shows that its zero is at zero.
+        Whether the SOC follows its integral, which shows that it has no offset.
     offset_A : float or None
-        What has to be taken off the current, where the charge shows it.
+        Offset to subtract from the current, if the SOC shows it.
     capacity_Ah : float or None
-        By its integral over the change of the charge, where these follow each other over a tenth or more; of either
-        sign of the current.
+        Integral of the current divided by the change of the SOC, if they agree over a change of a tenth or more; for
+        either sign of the current.
     """
 
     against: tuple[str, ...] = ()
@@ -104,12 +108,12 @@ class Witness:
 
 
 def witness(I: Floats, V: Floats, soc: Floats, step_s: float = 1.0, resolution_V: float = 0.0) -> Witness:  # noqa: E741
-    """Judge a current by the voltage and the charge of the same pack.
+    """Check a current against voltage and SOC of the same pack.
 
     Parameters
     ----------
     I, V, soc : ndarray (n,)
-        Means over intervals of equal length, A, V, 0…1; NaN where unknown. Either sign of the current will do.
+        Means over intervals of equal length, A, V, 0…1; NaN where unknown. The current may have either sign.
     step_s : float
         Length of an interval.
     resolution_V : float
@@ -139,7 +143,7 @@ def witness(I: Floats, V: Floats, soc: Floats, step_s: float = 1.0, resolution_V
 
 @dataclass(frozen=True, slots=True)
 class _Steps:
-    """The best agreement of the steps: correlation, by size, share of moves the wrong way, number of moves."""
+    """Best agreement of the steps: correlation, share of the wrong direction (by size), number of steps."""
 
     correlation: float
     wrong: float
@@ -166,7 +170,7 @@ class _Steps:
 
 
 def _steps(I: Floats, V: Floats, resolution: float) -> _Steps | None:  # noqa: E741
-    """Compare the steps of current and voltage; None where the voltage does not move enough."""
+    """Compare the steps of current and voltage; None if the voltage does not change enough."""
     usual = usual_voltage(V)
     if isnan(usual):
         return None
@@ -182,14 +186,14 @@ def _steps(I: Floats, V: Floats, resolution: float) -> _Steps | None:  # noqa: E
 
 
 def usual_voltage(V: Floats) -> float:
-    """Median of the voltages (n,) that are not those of open contactors, V; NaN of none."""
+    """Median of the voltages (n,) with closed contactors, V; NaN if there are none."""
     known = V[np.isfinite(V)]
     on = known[known > ON * known.max()] if len(known) and known.max() > 0 else known
     return float(np.median(on)) if len(on) else nan
 
 
 def _is_magnitude(I: Floats, V: Floats, resolution: float) -> bool:  # noqa: E741
-    """Whether the voltage goes to both sides of its level at rest under a current that has one sign only."""
+    """Whether the voltage is on both sides of its level at rest under a current of one sign."""
     known = np.isfinite(I) & np.isfinite(V)
     if not known.any():
         return False
@@ -235,7 +239,7 @@ def _less_trend(x: Floats) -> Floats:
 
 
 def _means(x: Floats, block: int) -> Floats:
-    """Means of so many neighbours; NaN where less than half of them are known."""
+    """Means over groups of neighbours; NaN if less than half of a group is known."""
     if block == 1:
         return x
     rows = x[: len(x) // block * block].reshape(-1, block)
@@ -257,7 +261,7 @@ def _moved(x: Floats, by: int) -> Floats:
 
 
 def _charge(I: Floats, soc: Floats, step_s: float) -> tuple[float | None, bool, bool]:  # noqa: E741
-    """Give the offset of the current, whether the charge follows it as it is, and whether it does not at all."""
+    """Find the offset of the current, whether the SOC follows without one, and whether it follows in no way."""
     both = np.isfinite(soc) & np.isfinite(I)
     if both.sum() < 30 or np.ptp(soc[both]) < SWING:
         return None, False, False
@@ -290,14 +294,14 @@ def _capacity(I: Floats, soc: Floats, step_s: float) -> float | None:  # noqa: E
 
 
 def _drawn_at(t: Floats, I: Floats) -> Floats | None:  # noqa: E741
-    """Charge (n,), Ah, at the begin t (n,), s, of each interval; the mean I (n,) is NaN where none was received."""
+    """Charge (n,), Ah, at the beginning t (n,), s, of each interval; the mean I (n,) is NaN without samples."""
     known = np.isfinite(I)
     drawn = drawn_Ah(t[known], I[known])
     return None if drawn is None else np.interp(t, t[known], drawn)
 
 
 def drawn_Ah(t: Floats, I: Floats) -> Floats | None:  # noqa: E741
-    """Charge that a current has moved, Ah (n,); None where it was not recorded for a part of the time.
+    """Integral of a current, Ah (n,); None if the current is missing for a part of the time.
 
     Each sample is held until the next one.
 
@@ -321,7 +325,7 @@ def _fitted(A: Floats, y: Floats) -> tuple[Floats, float]:
 
 
 def alternates(t: Floats, I: Floats) -> bool:  # noqa: E741
-    """Whether a current alternates from sample to sample, as a phase of a motor does.
+    """Whether a current alternates in sign from sample to sample, as that of a motor phase.
 
     Parameters
     ----------

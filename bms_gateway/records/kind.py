@@ -1,4 +1,4 @@
-"""Which files are logs and which are tables, and whether a table's time is in seconds."""
+"""Distinguishes logs from tables, and checks that a table's time is in seconds."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def _content(path: Path) -> str | None:
             return None
         with path.open("rb") as file:
             kind = kind_of(file.read(HEAD))
-    except OSError:  # reading the table will say it
+    except OSError:  # the reader of the table reports it
         return None
     return kind if kind in (".log", ".csv") else None
 

@@ -1,4 +1,4 @@
-"""Logs and tables that a person gives: each only once, because a copy is no new evidence, and in the order of time."""
+"""Refuses logs and tables that are given twice, because a copy is no new evidence, or not in order of time."""
 
 import filecmp
 from collections.abc import Iterable, Sequence
@@ -33,7 +33,7 @@ def given_once(files: Iterable[Path]) -> None:
 
 
 def in_order(logs: Sequence[Path]) -> None:
-    """Refuse logs of one drive that are given in another order than they were recorded: the state goes on in time.
+    """Refuse logs of one drive that are not in the order of recording: the engine's state only goes forward in time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Measurements as records: tables, and CAN logs through the gateway's own engine.
+"""Reads measurements as records: tables, and CAN logs through the gateway's own engine.
 
 The engine that estimates from a log also reads it here: `fit` learns from exactly the samples that `analyze` uses.
 
@@ -159,7 +159,7 @@ def _cells_of(table: Table, model: StringModel) -> Mapping[int, Floats]:
 
 
 def _whole_voltage(table: Table, model: StringModel) -> Floats | None:
-    """Give the voltage of the string; if only voltages of cells were recorded, the mean of these times their number."""
+    """Give the voltage of the string; if only cell voltages were recorded, their mean times the number of cells."""
     if table.voltage_V is not None:
         return table.voltage_V
     return _from_cells(table.cell_voltage_V, model)
@@ -169,7 +169,7 @@ def _from_cells(cells: Mapping[int, Floats], model: StringModel) -> Floats | Non
     if not cells:
         return None
     V = np.array([cells[k] for k in sorted(cells)])
-    return np.asarray(V.mean(axis=0) * model.cells)  # NaN where one is missing: cells differ by more than heat allows
+    return np.asarray(V.mean(axis=0) * model.cells)  # NaN if one is missing: cells differ too much
 
 
 def _load(config: Path, name: str | None, uploaded: bool) -> tuple[LoadedConfig, StringPlan]:

@@ -18,19 +18,19 @@ from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL
 
 ROUNDED: Final = 1e-9
-"""An offset below it is what the conversion of a unit leaves by rounding."""
+"""A smaller offset is a rounding error of the conversion of a unit."""
 WORTH_A_WORD: Final = 0.05
 """Share of refused samples above which a signal is reported; at every start a few samples are refused."""
 LOST: Final = 0.5
 """Share of refused samples above which a signal counts as not used."""
 CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
 UNLIKE: Final = 8.0
-"""Ratio of the resistance that current and voltage show to that of the model from which on one of them is wrong; the
-resistance of a cell that nobody named is known to a factor of three."""
+"""Ratio between the resistance from current and voltage and that of the model, above which a signal or the model is
+wrong; the resistance of an unnamed cell is known to a factor of three."""
 OF_A_CELL_V: Final = (1.2, 4.6)
-"""Mean voltages over a log between which those of all kinds of cells lie; lithium titanate goes down to 1.5 V."""
+"""Range of the mean voltage of a cell over a log, for all chemistries; lithium titanate goes down to 1.5 V."""
 USUAL_V: Final = 3.6
-"""Of most cells in a vehicle: 3.3 V (iron phosphate) to 3.8 V (nickel and cobalt)."""
+"""Mean voltages of most cells in vehicles: 3.3 V (iron phosphate) to 3.8 V (nickel and cobalt)."""
 OTHER_UNITS: Final = {
     "temperature": (("K", 1.0, -273.15), ("°C and not in K", 1.0, 273.15)),
     "current": (("mA", 1e-3, 0.0),),
@@ -166,9 +166,9 @@ def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
 
 
 def advice(uses: dict[str, Use]) -> Iterator[str]:
-    """For each signal that is not used as it should be, say what was seen and which line of the config corrects it.
+    """For each signal that is not used as configured, say what was seen and which line of the config corrects it.
 
-    Those that never come are told last: they may be all signals of a string that is not on this bus.
+    Signals that never come are last: they may be all signals of a string that is not on this bus.
     """
     elsewhere = {use.info.message: use for use in uses.values() if use.sender is not None}
     for message, use in elsewhere.items():
@@ -199,7 +199,7 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
 
 
 def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
-    """Say which currents their voltage contradicts, and which voltages the number of cells.
+    """List currents that contradict their voltage, and voltages that contradict the number of cells.
 
     A current is contradicted in its sign, or in a size that such a cell cannot have.
 
@@ -231,7 +231,7 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
 
 
 def _other_cells(plan: Plan, inputs: Inputs) -> Iterator[str]:
-    """Say which voltages no string of so many cells can have, and of how many cells they are."""
+    """List voltages that are impossible for the number of cells, and the likely number of cells."""
     for string, wire in zip(plan.strings, inputs.wires, strict=True):
         meter, n = inputs.ammeter(wire), string.model.cells
         if meter is None or math.isnan(meter.volts) or OF_A_CELL_V[0] <= meter.volts / n <= OF_A_CELL_V[1]:
@@ -282,7 +282,7 @@ def _remedy(signal: str, use: Use) -> str:
 
 
 def _written(signal: str, use: Use) -> list[str]:
-    """Give what the config's line has already: it stays in the line that mends it."""
+    """Give the keys that the config's line already has; the corrected line keeps them."""
     c = use.channel
     own, shift = _stated(use)
     fields = [] if c.statistic is None else [f'{c.statistic}_of = "{_cells(c.among)}"']
