@@ -15,7 +15,7 @@ EXAMPLE = """
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("string", metavar="STRING", help="string whose alarms may end; all: every string")
     parser.option("--reason", required=True, metavar="TEXT", help="what was checked or repaired; kept in the journal")
     parser.option(
@@ -24,7 +24,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Tell the service that a person has looked at its alarms; what is still wrong is raised again."""
+    """Tell the service that a person has looked at its alarms; persistent faults raise them again."""
     import time
 
     from bms_gateway.config.load import load_config

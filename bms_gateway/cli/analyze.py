@@ -25,7 +25,7 @@ MOST_TOLD = 10
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs in the order they were recorded")
     parser.option("--config", required=True, type=Path, help="the gateway's config")
     parser.option(
@@ -98,7 +98,7 @@ def _batches(logs: list[Path], notes: "list[LogNotes]", span: "Span") -> "Iterat
 
 
 def _sent(events: "Iterable[Event]", folder: "ResultFolder", courses: "Courses") -> "Iterator[FrameBatch]":
-    """Yield the frames that the service would have sent; all other results are written into the folder meanwhile."""
+    """Yield the frames that the service would have sent, and write all other results into the folder."""
     from bms_gateway.engine import SendFrames
 
     for event in events:
@@ -109,7 +109,7 @@ def _sent(events: "Iterable[Event]", folder: "ResultFolder", courses: "Courses")
 
 
 def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
-    """Put the flags at the end of the logs into the summary."""
+    """Add the flags at the end of the logs to the summary."""
     for s in engine.strings:
         summary = folder.strings[s.plan.name]
         growth = s.ageing.growth
@@ -118,7 +118,7 @@ def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
 
 
 def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -> None:
-    """Say what is wrong with the logs."""
+    """Report faults of the logs."""
     from bms_gateway.cli.output import note
 
     for log, n in zip(args.log, notes, strict=True):
@@ -132,7 +132,7 @@ def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -
 
 
 def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", span: "Span", told: list[str]) -> None:
-    """Say the results: the strings, the hottest core, the alerts, and of each signal what is not as it should be."""
+    """Print the results: the strings, the hottest core, the alerts, and the faults of each signal."""
     from bms_gateway.cli.output import say
     from bms_gateway.engine.reasons import unused
     from bms_gateway.report.hottest import hottest_sentence
@@ -153,7 +153,7 @@ def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", sp
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":
-    """Say which alerts are raised at the end."""
+    """Print the alerts that are raised at the end."""
     standing = engine.alerts.raised
     for c in standing[:MOST_TOLD]:
         where = "" if c.string is None else f"{c.string}: "

@@ -24,7 +24,7 @@ EXAMPLE = """
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("--reset", metavar="STRING[:CELL]", help="make a new baseline of a string, or of one cell")
     parser.option("--reason", metavar="TEXT", help="why; kept in the history")
     parser.option("--show", action="store_true", help="list baseline, growth and history of every string")
@@ -35,7 +35,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask the service for a new baseline, or show what there is."""
+    """Ask the service for a new baseline, or show the present ones."""
     from bms_gateway.config.load import load_config
 
     if args.show == (args.reset is not None):
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _target(word: str, loaded: "LoadedConfig") -> "tuple[StringPlan, int | None]":
-    """Find the string and cell that a word means."""
+    """Find the string and cell that a word names."""
     name, colon, cell = word.partition(":")
     strings = {s.name: s for s in loaded.plan.strings}
     if name not in strings:
@@ -121,7 +121,7 @@ def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
 
 
 def _document(h: "StringHealth") -> dict[str, object]:
-    """Give the content as a document for machines."""
+    """Give baselines and history as a document for machines."""
     cells = {} if h.cells is None else {str(k): _growth(a) for k, a in enumerate(h.cells.ageing, start=1)}
     return {
         "commissioned": h.commissioned,
@@ -142,7 +142,7 @@ def _growth(ageing: "Ageing") -> float | None:
 
 
 def _lines(name: str, h: "StringHealth") -> list[str]:
-    """Give the content as lines for people."""
+    """Give baselines and history as lines for people."""
     from datetime import UTC, datetime
 
     from bms_gateway.store.requests import one_line
@@ -160,7 +160,8 @@ def _lines(name: str, h: "StringHealth") -> list[str]:
     for k, a in enumerate(h.cells.ageing if h.cells is not None else (), start=1):
         if a.growth == a.growth:
             lines.append(f"  cell {k}: {100 * a.growth:+.1f} ± {100 * a.growth_sd:.1f} %")
-    lines += [f"  {day(t)}  {one_line(text, 400)}" for t, text in h.history.events]  # whoever owns the state wrote it
+    # any owner of the state may have written its texts
+    lines += [f"  {day(t)}  {one_line(text, 400)}" for t, text in h.history.events]
     step = max(1, len(h.history.rows) // 12)
     for t, R, g, sd, _ in h.history.rows[::-step][::-1]:
         lines.append(f"  {day(t)}  R_e {1e3 * R:.3f} mOhm  {100 * g:+.1f} ± {100 * sd:.1f} %")

@@ -95,7 +95,7 @@ def _must_be_free(channel: str, loaded: "LoadedConfig") -> None:
     from bms_gateway.bus.socketcan import SocketCanPort
     from bms_gateway.engine import Engine
 
-    SocketCanSender(channel).close()  # says what to do where the interface is missing
+    SocketCanSender(channel).close()  # its message says what to do if the interface is missing
     engine = Engine(loaded.plan, loaded.database)
     ours = set(engine.sends)
     port = SocketCanPort(channel, Access([*engine.can_ids.tolist(), *ours]))

@@ -127,14 +127,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _rounded_K(loaded: "LoadedConfig", string: "StringPlan") -> float:
-    """Error of the string's coarsest thermocouple by its steps, as an sd: no filter takes it from a slow surface."""
+    """Sd by the steps of the string's coarsest thermocouple; no filter removes this error from a slow surface."""
     mine = [c for c in string.channels if c.quantity == "surface" and c.signal]
     steps = [abs(c.scale) * loaded.database.resolve(c.signal or "").resolution for c in mine]
     return float(max(steps, default=0.0) / 12**0.5)
 
 
 def _conclude(args: argparse.Namespace, strings: list[dict[str, Any]], lost: list[str], unsound: list[str]) -> int:
-    """Say what of the config is not sound, or that all is; give the exit status."""
+    """Print the faults of the config, or that it is sound; return the exit status."""
     from bms_gateway.report.show import ranges
 
     blind = [s["name"] for s in strings if not s["observable"]]
@@ -165,7 +165,7 @@ def _unknown_per_10K(model: "StringModel") -> float:
 
 
 def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -> None:
-    """Say, once for equal strings, that the bands of `analyze` begin wider than the table's sd."""
+    """Print, once for equal strings, that the bands of `analyze` begin wider than the sd of the table."""
     by_value: dict[float, list[str]] = {}
     for one in strings:
         by_value.setdefault(one["unknown_sd_per_10K"], []).append(one["name"])
@@ -181,7 +181,7 @@ def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -
 
 
 def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], list[str]]":
-    """Let the engine read the logs; give the use of each signal, and what contradicts what.
+    """Let the engine read the logs; give the use of each signal, and the contradictions between signals.
 
     The estimates are not needed, so simple models are used.
     """

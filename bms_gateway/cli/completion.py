@@ -1,4 +1,4 @@
-"""`completion`: what a shell needs to complete commands and options, and a manual page, from the program itself."""
+"""`completion`: shell scripts that complete commands and options, and a manual page, made from the program itself."""
 
 import argparse
 import importlib

@@ -1,7 +1,7 @@
 """`demo`: the main job with no hardware, ending with the error against the simulated truth.
 
-A virtual pack, whose resistances differ from the model files and whose start temperatures nobody knows, drives on a
-real `vcan0` in its own time where there is one, else on an in-process bus as fast as the machine allows.
+A virtual pack has other resistances than the model files and unknown start temperatures. It drives in real time on
+`vcan0` if this interface exists, otherwise on an in-process bus as fast as the machine allows.
 """
 
 import argparse
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SECOND = 1_000_000_000
 CHANNEL = "vcan0"
-LIVE_S, SIMULATED_S = 45.0, 2700.0  # in real time: long enough to find every core; simulated: to identify twice
+LIVE_S, SIMULATED_S = 45.0, 2700.0  # live: long enough to find every core; simulated: long enough to identify twice
 LONGEST_S = 86_400  # the true temperatures are kept in memory
 UNKNOWN = 0.10  # R_e, R_c and R_u of each string differ from its model file by so much (relative sd)
 EXAMPLE = """\
@@ -49,7 +49,7 @@ class Score:
     Attributes
     ----------
     errors, sds : list of ndarray (n,)
-        Estimated less true core and the stated sd, of every tick in the last quarter of the drive.
+        Estimated minus true core, and the stated sd, of every tick in the last quarter of the drive.
     """
 
     since_s: float

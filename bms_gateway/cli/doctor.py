@@ -1,4 +1,4 @@
-"""`doctor`: what this computer lacks to run the gateway, and the command for it."""
+"""`doctor`: what this computer lacks to run the gateway, and the command that adds it."""
 
 import argparse
 import re
@@ -21,7 +21,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look at everything; 1 where something is missing."""
+    """Check the computer; 1 if something is missing."""
     from dataclasses import asdict
 
     from bms_gateway.cli.output import distinct, say, writable, write_json
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
     writable({"--json": args.json})
     if args.interface is not None and not re.fullmatch(r"[A-Za-z0-9_.:-]{1,15}", args.interface):
-        # what is printed is there to be pasted into a shell
+        # users paste the printed commands into a shell
         raise UsageError(f"--interface {args.interface!r}: an interface has a name of 1 to 15 letters and digits: can0")
     channel, store = args.interface or "can0", None
     if args.config is not None:

@@ -118,7 +118,7 @@ def _tell(
     lost: "list[dict[str, Any]]",
     feed: "dict[Key, Series]",
 ) -> list[str]:
-    """Note what the log lacks of the table; return what is to be said of signals that were not asked for."""
+    """Report values of the table that the log lacks; return the entries for signals that the user did not name."""
     from bms_gateway.cli.table_checks import empty, far_apart
 
     string = loaded.plan.strings[index]

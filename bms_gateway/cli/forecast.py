@@ -1,4 +1,4 @@
-"""`forecast`: what comes next after a log, and how good such forecasts were on the way."""
+"""`forecast`: forecast of the cores after a log, and the score of earlier forecasts within the log."""
 
 import argparse
 import math
@@ -30,11 +30,11 @@ COLUMNS = (
 )
 FINEST_S = 10.0
 DAY_S = 86_400.0
-"""A truth that begins later than this after its log has a clock of its own."""
+"""A truth that begins later than this after its log has another clock."""
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs in the order they were recorded")
     parser.option("--config", required=True, type=Path, help="the gateway's config")
     parser.option(
@@ -128,7 +128,7 @@ def _driven(
 
 
 def _sound(args: argparse.Namespace) -> None:
-    """Refuse numbers that have no meaning.
+    """Refuse meaningless numbers.
 
     Raises
     ------

@@ -36,7 +36,7 @@ READ_AS = {
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs of the vehicle, the longer the better")
     parser.option("--dbc", action="append", default=[], type=Path, metavar="FILE", help="DBC; may be given again")
     parser.option(
@@ -48,7 +48,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Propose, ask, write, estimate; 1 where a current or every thermocouple is missing."""
+    """Propose, ask, write, estimate; 1 if a current or every thermocouple is missing."""
     from bms_gateway.cli.output import distinct, note, writable
     from bms_gateway.errors import UsageError
     from bms_gateway.records.once import given_once, in_order
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 def _write(
     args: argparse.Namespace, out: Path, cell: "CellFacts | None", traffic: "Traffic", proposal: "Proposal"
 ) -> int:
-    """Write the config, estimate with it, and say how to go on."""
+    """Write the config, estimate with it, and print the next commands."""
     from bms_gateway.cli.output import note, say, write_json
     from bms_gateway.records.signal_use import advice
     from bms_gateway.setup.picture import draw
@@ -203,7 +203,7 @@ def keep(there: Path) -> Path:
         with reading(there) as handle:
             if handle is not None:
                 with open(handle, "rb", closefd=False) as old, whole(kept) as copy:
-                    os.fchmod(copy.fileno(), os.fstat(handle).st_mode & 0o777)  # before a word of it is there
+                    os.fchmod(copy.fileno(), os.fstat(handle).st_mode & 0o777)  # before any of it is written
                     copy.write(old.read())
     except OSError as e:
         raise UsageError(f"{fault}: {e.strerror}") from None
@@ -274,7 +274,7 @@ def _table(proposal: "Proposal") -> str:
     if len(odd) > 20:
         lines.append(f"not used: … and {len(odd) - 20} more thermocouples (--json tells all)")
     unused = [(why != NO_ROLE, path) for path, why in proposal.unused if path not in proposal.refused]
-    other = [path for _, path in sorted(unused, key=lambda u: u[0])]  # names that nobody here knows come first
+    other = [path for _, path in sorted(unused, key=lambda u: u[0])]  # names of unknown meaning come first
     if other:
         shown = ", ".join(other[:UNUSED_SHOWN]) + (" …" if len(other) > UNUSED_SHOWN else "")
         lines.append(f"{len(other)} other signals have no role here (--json tells the reason for each): {shown}")
@@ -282,14 +282,14 @@ def _table(proposal: "Proposal") -> str:
 
 
 def _which(p: "Proposed") -> str:
-    """Name the role with its cell, or with the kind of a reading of several cells."""
+    """Name the role with its cell, or with the statistic of several cells."""
     if p.index is not None:
         return f"{p.role} {p.index}"
     return f"{p.role} {p.statistic}" if p.statistic else p.role
 
 
 def _reasons(proposal: "Proposal") -> list[str]:
-    """Say why each signal was taken; signals of one role for which the same was found are told in one line."""
+    """Print why each signal was chosen; signals of one role with the same reasons share a line."""
     alike: dict[tuple[str, str], list[Proposed]] = {}
     for p in proposal.signals:
         without_numbers = re.sub(r"[\d.]+", "", "; ".join(p.why))
@@ -297,13 +297,13 @@ def _reasons(proposal: "Proposal") -> list[str]:
     lines = ["why:"]
     for group in alike.values():
         more = f" and {len(group) - 1} more" if len(group) > 1 else ""
-        why = [w for w in group[0].why if w not in proposal.remarks]  # these stand above
+        why = [w for w in group[0].why if w not in proposal.remarks]  # these are in the table above
         lines.append(f"  {_which(group[0])} ({group[0].path}{more}): {'; '.join(why)}")
     return lines
 
 
 def _ask(traffic: "Traffic", proposal: "Proposal") -> "Proposal":
-    """Ask about every uncertain choice for the whole pack; for a refused signal the next best one is offered."""
+    """Ask about every uncertain choice for the whole pack; offer the next best signal for a refused one."""
     from bms_gateway.cli.output import note
     from bms_gateway.frames.vocabulary import INPUTS
     from bms_gateway.setup.propose import propose

@@ -23,9 +23,9 @@ PROGRAM = "bms-gateway"
 DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 """Where `deploy/install.sh` puts the config."""
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
-"""Faults of a disk. They can come with any byte that a command writes, and are no bug of the command."""
+"""Faults of a disk. They can occur at any byte that a command writes, and are not a bug of the command."""
 PATHS = (errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.ESTALE)
-"""Faults of a path that a person named: there is no such place, or this user may not look there."""
+"""Faults of a path that a person named: the path does not exist, or this user has no access."""
 
 COMMANDS = {
     "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",

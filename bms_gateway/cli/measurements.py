@@ -19,7 +19,7 @@ def add_measurement_arguments(parser: Parser, option: str | None = None) -> None
     ----------
     parser : Parser
     option : str, optional
-        Option that names a table, where the command's plain words are something else.
+        Option that names a table, if the command's positional arguments are something else.
     """
     name, how = ((option,), {"action": "append", "required": True}) if option else ((), {"nargs": "+"})
     parser.option(
@@ -56,7 +56,7 @@ def given_model(args: argparse.Namespace) -> "StringModel":
 
 
 def given_measurements(args: argparse.Namespace, model: "StringModel") -> "list[Record]":
-    """Read what `add_measurement_arguments` was given on the command line."""
+    """Read the files that the arguments of `add_measurement_arguments` name."""
     from bms_gateway.records.read import read_measurements
     from bms_gateway.report.table import parse_columns
 

@@ -23,7 +23,7 @@ EXAMPLE = """
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("section", nargs="*", metavar="SECTION", help="only these sections; default all")
     parser.option("--out", metavar="DIR", help="folder for the figures (PNG) and the text; needs the extra 'report'")
     parser.option("--json", metavar="FILE", help="write every row as JSON; - is standard output")

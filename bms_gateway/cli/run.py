@@ -1,4 +1,4 @@
-"""`run`: the service. SocketCAN in, estimates out, until it is told to stop."""
+"""`run`: the service. It reads frames from SocketCAN and sends estimates until it is told to stop."""
 
 import argparse
 import gc
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bms_gateway.store import StateStore, Trial
     from bms_gateway.store.recent import Recent
 
-END_MOST_S = 4.0  # a second more than the gateway takes if everything that it waits for at the end hangs
+END_MOST_S = 4.0  # a second more than the gateway needs if every part that it waits for at the end hangs
 INTERRUPT_MOST_S = 1.5  # the same after Ctrl-C
 EXAMPLE = """
   bms-gateway run /etc/bms-gateway/gateway.toml
@@ -28,7 +28,7 @@ EXAMPLE = """
 
 
 def arguments(parser: Parser) -> None:
-    """Declare the command's words."""
+    """Declare the options."""
     parser.option("config", type=Path, metavar="CONFIG", help="the gateway's config")
     parser.option("--seconds", type=float, default=None, help="end after so long (default: run until stopped)")
 
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.service.signals import Signals
 
     signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
-    signals.listen()  # a disk that does not answer holds up the start too
+    signals.listen()  # a disk that does not answer delays the start too
     try:
         gateway, port, store, trial = _assembled(args.config)
     except BaseException:
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None, Trial | None]":
-    """Make the gateway of a config with all that runs beside it, its port, its store, and the trial of its state."""
+    """Make the gateway of a config with all parts that run beside it: port, store, and trial of the state."""
     import logging
 
     from bms_gateway.config.load import load_config

@@ -91,7 +91,7 @@ def _truth_file(name: str | None) -> Iterator[TextIO | None]:
 
 
 def _write_truth(f: TextIO, segments: "tuple[Segment, ...]", *, last: bool) -> None:
-    """Yield the rows of one stretch by time; its last instant is the first one of the next stretch."""
+    """Yield the rows of one segment by time; its last instant is the first one of the next segment."""
     time = segments[0].time_s
     for i in range(len(time) if last else len(time) - 1):
         for s in segments:

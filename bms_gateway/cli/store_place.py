@@ -1,4 +1,4 @@
-"""Whether the state of the service can be kept where a config says, found without making anything."""
+"""Checks, without creating anything, whether the state of the service can be kept in the directory of a config."""
 
 import os
 from pathlib import Path
@@ -10,16 +10,16 @@ __all__ = ["store_problem"]
 
 MOST_SHOWN: Final = 200
 ROOM: Final = 64
-"""Bytes of the path of a store that the names of its files need."""
+"""Number of bytes of a path that the names of the store's files need."""
 NAME_MAX: Final = 255
 PATH_MAX: Final = 4096
 _OF_THE_KERNEL: Final = ("/proc", "/sys", "/dev")
-"""Folders whose files are no files of a disk."""
+"""Folders whose files are not on a disk."""
 _LIKE_A_DISK: Final = Path("/dev/shm")  # noqa: S108 (named, not written to)
 
 
 def store_problem(store: Path | None, where: str) -> str | None:
-    """Look whether a directory is there or can be made; the service creates a missing one.
+    """Check whether a directory exists or can be made; the service creates a missing one.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def store_problem(store: Path | None, where: str) -> str | None:
     Raises
     ------
     ConfigError
-        Nobody can.
+        No user can keep a state there.
     """
     if store is None:
         return None

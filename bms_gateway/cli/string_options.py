@@ -26,7 +26,7 @@ UNKNOWN = {
 
 
 def add_string_arguments(parser: Parser) -> None:
-    """Declare what describes the string, and `--json`."""
+    """Declare the options that describe the string, and `--json`."""
     parser.option("--cells", metavar="N", type=int, help="cells of the string; with --model as many as that has")
     parser.option(
         "--condition",
@@ -42,7 +42,7 @@ def add_string_arguments(parser: Parser) -> None:
 
 
 def given_string(args: argparse.Namespace) -> "AskedString":
-    """Read what `add_string_arguments` was given.
+    """Read the string from the options of `add_string_arguments`.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def given_sensors(words: str, cells: int) -> tuple[int, ...]:
     Raises
     ------
     UsageError
-        No number, no such cell, a cell named twice.
+        A word is not a number, a cell does not exist, or is named twice.
 
     Examples
     --------

@@ -41,7 +41,7 @@ def refuse_log(path: Path) -> None:
     Raises
     ------
     UsageError
-        By its name or its first bytes it is a log.
+        By its name or its first bytes the file is a log.
     """
     kind = log_kind(path)
     if kind is not None:
@@ -49,7 +49,7 @@ def refuse_log(path: Path) -> None:
 
 
 def not_carried(string: StringPlan, database: Database, table: Table) -> list[dict[str, Any]]:
-    """Find the columns with values that their signal cannot carry.
+    """Find the columns with values outside the range of their signal.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def refuse_made_up(string: StringPlan, table: Table, made_up: Sequence[Channel])
 def empty(
     string: StringPlan, database: Database, table: Table, in_place: Mapping[str, float]
 ) -> list[tuple[bool, str]]:
-    """Say of which signals of the string the log has no measurement, because a column is missing or blank throughout.
+    """List the signals of the string without a measurement, because the column is missing or entirely blank.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def empty(
     Returns
     -------
     list of (missing, sentence)
-        `missing`: there is no such column.
+        `missing`: the column does not exist.
     """
     alike: dict[tuple[bool, str], list[str]] = {}
     for c in string.channels:

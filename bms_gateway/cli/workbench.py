@@ -152,7 +152,7 @@ def _tell(server: "Server") -> None:
 
 
 def _say_now(text: str) -> None:
-    """Print at once: the program goes on, and a reader of its output in a file needs the address now."""
+    """Print without delay: the program goes on, and a reader of its redirected output needs the address."""
     say(text)
     sys.stdout.flush()
 

@@ -1,8 +1,8 @@
-"""Tells whether a JSON text would need hundreds of megabytes, before it is parsed."""
+"""Estimates, before a JSON text is parsed, whether this would need hundreds of megabytes."""
 
 from typing import Final
 
-# A value of a few bytes takes about sixty bytes of memory: a number fewer, a text or a list more. The state of a string
+# A value of a few bytes takes about sixty bytes of memory: a number less, a text or a list more. The state of a string
 # of four cells has 1,100 commas and other marks.
 MAX_COMMAS: Final = 4_000_000
 MAX_MARKS: Final = 1_000_000

@@ -14,13 +14,13 @@ from bms_gateway.folders import link_in, open_folder
 
 _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-_READ = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK  # a pipe that lies in the place of a file must not stop us
-_MODE = 0o640  # not readable by everybody: it shows where and how a vehicle is driven
+_READ = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK  # a pipe in place of a file must not block this process
+_MODE = 0o640  # not readable by all users: the file shows where and how a vehicle is driven
 _CHUNK = 1 << 20
 
 
 def make_directory(directory: Path) -> None:
-    """Make a directory and those above it, each known to the disk when this returns.
+    """Make a directory and its parents; all of them are on the disk when this returns.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def make_directory(directory: Path) -> None:
 
 
 def write_fresh(path: Path, content: bytes) -> None:
-    """Write a file that was not there; its content, though not yet its name, is on the disk when this returns.
+    """Write a new file; its content, but not yet its name, is on the disk when this returns.
 
     Raises
     ------
@@ -44,18 +44,18 @@ def write_fresh(path: Path, content: bytes) -> None:
 
 
 def append(path: Path, content: bytes) -> None:
-    """Add to the end of a file, made where it is missing; on the disk when this returns.
+    """Append to a file, and create it if it is missing; the data are on the disk when this returns.
 
     Raises
     ------
     OSError
-        A part may have been written: whoever reads must be able to tell.
+        A part may have been written: the reader must be able to detect this.
     """
     _write(os.open(path, _APPEND, _MODE), content)
 
 
 def sync_directory(directory: Path) -> None:
-    """Let the names in a directory reach the disk.
+    """Sync the names in a directory to the disk.
 
     Raises
     ------
@@ -75,12 +75,12 @@ def reading(path: Path) -> Iterator[int | None]:
     Yields
     ------
     int or None
-        Descriptor. None: what lies there is no file.
+        Descriptor. None: the path is not a file.
 
     Raises
     ------
     OSError
-        For root also: it is a link, or behind one, that another user can change.
+        For root also: the path is a link, or goes through a link, that another user can change.
     """
     at = open_folder(path.parent)
     try:
@@ -95,7 +95,7 @@ def reading(path: Path) -> Iterator[int | None]:
 
 
 def read_on(handle: int, most: int) -> bytes:
-    """Read up to `most` bytes more; fewer only where the file ends.
+    """Read up to `most` further bytes; fewer only at the end of the file.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def read_file(path: Path, most: int) -> bytes | None:
     Returns
     -------
     bytes or None
-        None: what lies there is no file.
+        None: the path is not a file.
 
     Raises
     ------

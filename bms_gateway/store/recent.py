@@ -1,10 +1,10 @@
-"""A ring of the recent decoded signals on disk: what `export` makes tables of.
+"""Ring of the recent decoded signals on disk; `export` makes tables of it.
 
-Samples gather in memory. About once a minute they are written as one block at the end of the newest *segment*: few
-writes, all of them appended, which suits flash memory. When the ring is full, its oldest segment is deleted. A power
-cut costs the minute in memory; a block that was cut in two is recognised by its check sum and dropped. Every block is
-complete in itself: it says which string has which columns. A reader therefore needs no config, and damage costs only
-the damaged blocks.
+Samples are collected in memory. About once a minute they are written as one block at the end of the newest *segment*:
+few writes, all of them appended, which suits flash memory. When the ring is full, its oldest segment is deleted. A
+power cut loses the minute in memory; a block that was written in part is recognised by its check sum and dropped. Every
+block is complete in itself: it says which string has which columns. A reader therefore needs no config, and damage
+costs only the damaged blocks.
 
 A block::
 
@@ -43,7 +43,7 @@ MAGIC = b"bmsrec1\n"
 _HEAD = struct.Struct("<8sII")
 _SIZE = struct.Struct("<I")
 MAX_PACKED = 8 << 20
-MAX_BLOCK = 16 << 20  # unpacked; a block of ours takes some hundred kilobytes
+MAX_BLOCK = 16 << 20  # unpacked; a block of this program takes some hundred kilobytes
 MOST_SAMPLES = 50_000  # of a block: packing takes some thirty bytes for each meanwhile
 LONGEST_US = 1_800_000_000  # µs since a block's start fit into 32 bits
 SEGMENTS = 16  # share of the ring that is deleted when it is full
@@ -59,14 +59,14 @@ Layout = Mapping[str, Mapping[str, int | float]]
 
 @dataclass(frozen=True, slots=True)
 class _Tick:
-    """Samples of a tick that wait to be written, in half their size, because a full bus brings a million a minute.
+    """Samples of a tick that wait to be written, at half their size, because a full bus sends a million a minute.
 
     Attributes
     ----------
     time_us : int
         Of the tick.
     offset_us : ndarray of int32 (K,)
-        Of each sample, from there.
+        Of each sample, relative to `time_us`.
     input : ndarray of uint32 (K,)
     value : ndarray of float32 (K,)
     """
@@ -94,7 +94,7 @@ class Block:
     samples : mapping of input to (time_us, value)
         Times in µs since 1970, not decreasing.
     place : tuple of int
-        Number of its segment and where it begins there: the order in which blocks were written.
+        Number of its segment and its offset there, which give the order in which blocks were written.
     """
 
     layout: Layout
@@ -146,7 +146,7 @@ class Recent:
         self._layout: Layout = {}
 
     def add(self, event: Decoded, engine: Engine) -> None:
-        """Take in the samples of a tick; nothing is written."""
+        """Add the samples of a tick; nothing is written."""
         if engine is not self._engine:
             self._engine, self._layout = engine, layout_of(engine)
         if len(event.sample_ns):
@@ -158,8 +158,8 @@ class Recent:
         Returns
         -------
         StateError or None
-            None: it is on the disk. Else why not: a value, because the service goes on; those samples are lost, what
-            was written before is not.
+            None: the samples are on the disk. Otherwise the reason as a value, because the service goes on; these
+            samples are lost, earlier ones are not.
         """
         try:
             while ticks := self._take():
@@ -220,7 +220,7 @@ def packed(ticks: list[_Tick]) -> bytes:
 
 
 def read_recent(directory: Path, problems: list[StateError]) -> Iterator[Block]:
-    """Read the ring from the oldest block to the newest; it may be written meanwhile.
+    """Read the ring from the oldest block to the newest; the service may write at the same time.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def _blocks(path: Path, raw: bytes, problems: list[StateError]) -> Iterator[Bloc
 
 
 def _block(raw: bytes, at: int) -> tuple[Block | None, int]:
-    """Unpack the block at a place; None where there is no sound one, and where it ends or would end."""
+    """Unpack the block at an offset; None if it is not sound; and the end of the block, or where it would end."""
     if len(raw) - at < _HEAD.size:
         return None, at + _HEAD.size
     magic, size, check = _HEAD.unpack_from(raw, at)
@@ -292,9 +292,9 @@ def _block(raw: bytes, at: int) -> tuple[Block | None, int]:
 def _unpacked(line: Any, body: bytes) -> Block:
     counts = np.array(line["counts"], np.int64)
     N = int(counts.sum())
-    wrong = (counts <= 0) | (counts > len(body) // 8)  # the sum of greater ones may be anything
+    wrong = (counts <= 0) | (counts > len(body) // 8)  # the sum of greater counts may overflow
     if len(body) != 8 * N or not N or wrong.any() or len(counts) != len(line["inputs"]):
-        raise ValueError("not as long as it says")
+        raise ValueError("not of the stated length")
     step, value = _unsorted(body[: 4 * N], "<u4"), _unsorted(body[4 * N :], "<f4")
     samples, at = {}, 0
     for i, n in zip(line["inputs"], counts.tolist(), strict=True):
@@ -305,7 +305,7 @@ def _unpacked(line: Any, body: bytes) -> Block:
 
 
 def _columns(columns: Any) -> dict[str, int | float]:
-    """Return the known columns of a string, as `Layout` has them; raise `ValueError` for a source that is no number."""
+    """Return the known columns of a string, as in `Layout`; raise `ValueError` for a source that is not a number."""
     found: dict[str, int | float] = {}
     for name, source in columns.items():
         if type(source) not in (int, float) or not math.isfinite(source):
@@ -316,14 +316,14 @@ def _columns(columns: Any) -> dict[str, int | float]:
 
 
 def _name(text: str) -> str:
-    """Give a name that a line of a table and of an error can hold."""
+    """Clean a name for a line of a table or of an error message."""
     if not _PLAIN.fullmatch(text):
         raise ValueError("no name")
     return text
 
 
 def _sorted(a: NDArray[Any]) -> bytes:
-    """Bytes of numbers, those of the same weight together."""
+    """Bytes of numbers, sorted by their significance."""
     return a.view(np.uint8).reshape(-1, a.itemsize).T.tobytes()
 
 

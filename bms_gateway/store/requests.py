@@ -3,9 +3,9 @@
 A request is written as a whole. The service carries it out while it runs or at its next start, and removes it once the
 resulting state has been saved.
 
-Root writes requests into a directory of the service's user, and this user may put anything under any name there at any
-moment. So no path is used: the directory is opened once, the file is created in it only if the name is free, never
-through a link, and its mode is set by its descriptor.
+Root writes requests into a directory of the service's user, who may create any file there at any moment. So no path is
+used: the directory is opened once, the file is created in it only if the name is free, never through a link, and its
+mode is set by its descriptor.
 """
 
 import json
@@ -54,7 +54,7 @@ Wish = BaselineReset | Acknowledgement
 
 
 def one_line(reason: str, most: int = 200) -> str:
-    r"""Make one line of printable characters of what a person wrote: it goes to a journal, or to a terminal.
+    r"""Turn the text of a person into one line of printable characters, for a journal or a terminal.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def one_line(reason: str, most: int = 200) -> str:
 
 
 def ask(directory: Path, wish: Wish) -> Path:
-    """Write a request where the service finds it; the file is complete or does not exist.
+    """Write a request into the service's directory; the file is complete or does not exist.
 
     Raises
     ------
@@ -85,8 +85,8 @@ def ask(directory: Path, wish: Wish) -> Path:
 
 
 def _write(at: int, name: str, content: bytes) -> None:
-    """Write a file into an open directory: whole under its name, or not there."""
-    fresh = f".{name}.{os.urandom(8).hex()}"  # a name that nobody can have created in advance
+    """Write a file into an open directory; the file is complete or does not exist."""
+    fresh = f".{name}.{os.urandom(8).hex()}"  # a name that no other process can have created in advance
     handle = os.open(fresh, _FRESH, MODE, dir_fd=at)
     try:
         with os.fdopen(handle, "wb") as f:
@@ -109,7 +109,7 @@ def _pattern(wish: Wish) -> str:
 def asked(directory: Path) -> Iterator[tuple[Path, Wish | OSError | None]]:
     """Give the waiting requests, the oldest of each kind first.
 
-    None stands for a file that is no request, an `OSError` for one that cannot be read now and may be one.
+    None stands for a file that is not a request, an `OSError` for a file that cannot be read now.
     """
     for kind in (BaselineReset, Acknowledgement):
         yield from _of_kind(directory, kind)

@@ -21,18 +21,18 @@ Samples = tuple[NDArray[np.int64], Floats]
 
 @dataclass(slots=True)
 class Excerpt:
-    """What of the ring a table is made of.
+    """Part of the ring for a table.
 
     Attributes
     ----------
     columns : dict of str to list of str
-        By string, in the order of the newest block: columns that have a value.
+        Columns that have a value, by string, in the order of the newest block.
     first_us, last_us : int
-        Times that rows may have.
+        Range of the times of rows.
     turned_back : bool
-        Whether the clock went back: only what came after it can be one table.
+        Whether the clock went back: the table then starts after this.
     problems : list of StateError
-        What of the ring could not be used.
+        Parts of the ring that could not be used.
     """
 
     first_us: int
@@ -44,7 +44,7 @@ class Excerpt:
     _directory: Path = Path()
 
     def rows(self, string: str) -> Iterator[list[str]]:
-        """Give the rows of a string's table as text: `time_s`, then its columns; blanks where nothing came."""
+        """Give the rows of a string's table as text: `time_s`, then its columns; blanks for missing values."""
         newest = -1
         for block in read_recent(self._directory, []):
             if block.place < self._since or string not in block.layout:
@@ -54,15 +54,15 @@ class Excerpt:
 
 
 def excerpt(directory: Path, last_s: float, until_us: int | None = None) -> Excerpt:
-    """Look through the ring.
+    """Search the ring.
 
     Parameters
     ----------
     directory : Path
     last_s : float
-        How much of it, s before its end.
+        Length of the part, s before the end.
     until_us : int, optional
-        End, in µs, where that is not the newest sample.
+        End, µs, if it is not the newest sample.
 
     Returns
     -------

@@ -2,8 +2,8 @@
 
 The state is a plain file that is replaced, and not a database. There is one writer, one document of some 100 kB that is
 always written as a whole, and no query. SQLite would bring recovery rules of its journal, several files that belong
-together, and no check sum over the content (a flipped bit in a page is read back as data), but nothing that a rename
-does not give. A person who services the vehicle can read, copy and delete a plain file.
+together, and no check sum over the content (a flipped bit in a page is read back as data), and no advantage over a
+rename. A person who services the vehicle can read, copy and delete a plain file.
 
 ``state`` is the newest generation, ``state.previous`` the one before, ``state.new`` one that is being written::
 
@@ -11,19 +11,18 @@ does not give. A person who services the vehicle can read, copy and delete a pla
     {"saved_ns": …, "state": {…}}
 
 Saving writes ``state.new``, syncs it, renames ``state`` to ``state.previous`` and ``state.new`` to ``state``, and syncs
-the directory. At every moment, also between the two renames, one complete generation has its name, so that a cut of
-power costs at most the snapshot in progress.
+the directory. At every moment, also between the two renames, one complete generation has its name, so that a power cut
+loses at most the snapshot in progress.
 
-A file that cannot be used is renamed to ``state.<reason>`` and never read again. A file that is damaged or not ours
-replaces an earlier one of the same reason. A file that may still be a good state (not readable, of a newer version,
-refused by the engine, on `trial` and found to end the service) replaces no other: the next one becomes
+A file that cannot be used is renamed to ``state.<reason>`` and never read again. A file that is damaged or of another
+program replaces an earlier one of the same reason. A file that may still be a good state (not readable, of a newer
+version, refused by the engine, on `trial` and found to end the service) replaces no other: the next one becomes
 ``state.<reason>.2``. If all such names are used, or the disk does not allow the rename, nothing is saved. So the
 directory does not fill up, and no state is lost that a person could still restore.
 
-Whoever only looks (`look`) renames nothing: the service may be writing.
-
-One process at a time: `lock` locks the directory itself, which leaves no file behind, needs no right to write and ends
-with the process, however that ends.
+`look` only reads and renames nothing, because the service may be writing. Only one process may write: `lock` locks the
+directory itself. This lock leaves no file behind, needs no right to write, and ends with the process, however the
+process ends.
 """
 
 import errno
@@ -43,10 +42,11 @@ from bms_gateway.store.trial import Trial
 
 VERSION = 1
 MAGIC = b"bms-gateway-state"
-# A snapshot of 8 strings takes some 100 kB: anything near this is not ours and must not be read into memory.
+# A snapshot of 8 strings takes some 100 kB: a file of nearly this size is of another program and must not be read into
+# memory.
 MAX_BYTES = 64 << 20
 MAX_HEAD = 256
-GARBAGE = ("corrupt", "foreign")  # for these reasons a file holds nothing of value, and the next one may take its name
+GARBAGE = ("corrupt", "foreign")  # for these reasons a file has no value, and the next one may replace it
 UNREAD = "unread"
 CRASHED = "crashed"
 TOLD = {
@@ -56,7 +56,7 @@ TOLD = {
     "report it with the lines of the journal; after an update stop the service and move it back, or delete it",
 }
 KEPT_MOST = 5  # files set aside for one reason: a fault that recurs at every start must not fill the disk
-SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the file may be sound, and readable in a minute
+SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the file may be sound, and readable a minute later
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +98,8 @@ class StateStore:
     Attributes
     ----------
     unread : str
-        What of the stored state could not be read or ended the service, where it is, and what to do, for people; empty
-        where there is none.
+        For people: which stored state could not be read or ended the service, where it is, and what to do; empty if
+        there is none.
 
     Examples
     --------
@@ -126,13 +126,13 @@ class StateStore:
         Returns
         -------
         StateError or None
-            Why it could not be locked for another reason than somebody else's lock: a value, because the service goes
-            on without.
+            The reason, other than the lock of another process, why it could not be locked: a value, because the service
+            goes on without a lock.
 
         Raises
         ------
         StateError
-            Another process has it: two that save in turn would each start from the other's state.
+            Another process has locked it: two processes that save in turn would each start from the other's state.
         """
         try:
             make_directory(self.directory)
@@ -171,8 +171,8 @@ class StateStore:
         Returns
         -------
         StateError or None
-            None: it is on the disk. Else why not (read-only, full, …): a value, because the service goes on without.
-            What was stored before is intact then.
+            None: the snapshot is on the disk. Otherwise the reason (read-only, full, …) as a value, because the service
+            goes on without it. The earlier snapshot is then intact.
         """
         body = json.dumps({"saved_ns": wall_ns, "state": dict(state)}, separators=(",", ":")).encode()
         if len(body) > MAX_BYTES:
@@ -201,10 +201,10 @@ class StateStore:
         Parameters
         ----------
         use : callable, optional
-            Takes the snapshot up. A `StateError` from it says that this one is of no use: it is set aside like a
+            Restores the snapshot. A `StateError` from it means that the snapshot cannot be used: it is set aside like a
             damaged one, as ``state.refused``, and the generation before is tried.
         trial : Trial, optional
-            A snapshot on which it has found is set aside in the same way, as ``state.crashed``.
+            A snapshot that the trial refuses is set aside in the same way, as ``state.crashed``.
 
         Returns
         -------
@@ -287,12 +287,12 @@ class StateStore:
         return Loaded(None, None, tuple(problems))
 
     def _make_room(self) -> None:
-        """Free the name of the newest generation; a sound one takes the place of the one before.
+        """Free the name of the newest generation; a sound one replaces the one before.
 
         Raises
         ------
         StateError
-            What lies there must not be replaced, and cannot be set aside.
+            The file must not be replaced, and cannot be set aside.
         OSError
             It cannot be looked at now.
         """
@@ -304,7 +304,7 @@ class StateStore:
             self._state.replace(self._previous)
 
     def _is_sound(self, path: Path) -> bool:
-        """Whether a generation is whole; anything else at its name is set aside.
+        """Whether a generation is complete; any other file of this name is set aside.
 
         Raises
         ------
@@ -350,11 +350,11 @@ class StateStore:
         return aside
 
     def _note_unread(self) -> None:
-        """List good states that were set aside, in this run or an earlier one, until a person removes them."""
+        """List the good states that were set aside, in this run or an earlier one, and not yet removed by a person."""
         try:
             names = sorted(f.name for f in self.directory.iterdir())
         except OSError:
-            return  # nothing can be said of a directory that cannot be listed
+            return  # a directory that cannot be listed gives no names
         kept = {reason: [name for name in names if f".{reason}" in name] for reason in TOLD}
         told = [text.format(", ".join(kept[reason])) for reason, text in TOLD.items() if kept[reason]]
         if told:
@@ -362,7 +362,7 @@ class StateStore:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Read a snapshot file; `_RejectedError` where it is not wholly ours."""
+    """Read a snapshot file; raise `_RejectedError` if it is damaged or of another program."""
     try:
         with reading(path) as handle:
             if handle is None:
@@ -372,7 +372,7 @@ def _read(path: Path) -> dict[str, Any]:
             size, digest = _head(head.split())
             body += read_on(handle, len(head) + 1 + size + 1 - len(start))
     except FileNotFoundError:
-        if path.is_symlink():  # to a disk that is not there today, say
+        if path.is_symlink():  # for example to a disk that is not mounted
             raise OSError(errno.ENOLINK, "it is a link to what is not there") from None
         raise
     if len(body) != size:

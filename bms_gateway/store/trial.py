@@ -1,8 +1,8 @@
-"""A stored state on trial: one that ends the service again and again soon after it was restored is set aside.
+"""Sets a stored state aside that ends the service again and again soon after it was restored.
 
 A state that restores and then ends the process (by a bug, in a tick or in a library) would do so at every restart, for
 ever. So a start notes in ``state.trying`` which state it tries, and what ends the process notes its reason there. A
-service that goes on for a while removes the file. The next start reads how the tries before it ended::
+service that runs for a while removes the file. The next start reads from it how earlier tries ended::
 
     {"boot": …, "saved_ns": …, "aside": […]}
     try
@@ -10,16 +10,15 @@ service that goes on for a while removes the file. The next start reads how the 
     died: KeyError: 'x'
     try
 
-What counts against a state is what the process itself could note: an exception, a fatal signal of its own (SIGSEGV,
-SIGABRT …) and a hang. `faulthandler` writes the last two, and needs no working interpreter for that. Whoever ends the
-process from outside (a person, the kernel for want of memory, a watchdog after SIGSTOP) leaves no reason, and a power
-cut is followed by another boot: neither says anything about the state. One end without a reason counts too: a process
-that ends while it reads the state, `SILENT_MOST` times in a row. Reading takes some tenths of a second, so that nobody
-ends the process just then so often by chance.
+Only reasons that the process itself could note count against a state: an exception, a fatal signal of its own (SIGSEGV,
+SIGABRT …) and a hang. `faulthandler` writes the last two, and needs no working interpreter for that. An end from
+outside (by a person, by the kernel for lack of memory, by a watchdog after SIGSTOP) leaves no reason, and a power cut
+is followed by another boot: both are no evidence about the state. One end without a reason counts too: a process that
+ends while it reads the state, `SILENT_MOST` times in a row. Reading takes some tenths of a second, so that an end from
+outside rarely falls into this time by chance. If the service then ends in the same way without any stored state, the
+state was not the cause, and it is put back.
 
-Where the service then ends in the same way without any stored state, the state was not to blame, and it is put back.
-
-The notes are not synced to the disk: they are about processes that end, and are not used after a power cut. Where they
+The notes are not synced to the disk: they are about processes that end, and are not used after a power cut. If they
 cannot be written, there is no trial; no state can be saved there either, and this is reported.
 """
 
@@ -38,13 +37,14 @@ from bms_gateway.store.files import read_file
 NOTED_MOST: Final = 3
 SILENT_MOST: Final = 5
 HANG_S: Final = 5.0
-"""Without `alive` for so long it hangs: noted before a watchdog of 10 s ends it that is fed every third of them."""
+"""A process without `alive` for this time hangs. The time is short enough for a note before a watchdog of 10 s, which
+is fed every 3.3 s, ends the process."""
 MAX_BYTES: Final = 64 << 10
 NEVER_NS: Final = -1
-"""In place of the time at which a state was saved: of none."""
+"""Stands for the saving time of a missing state."""
 MAX_REASON: Final = 300
 TRY, LOADED, WENT_ON, DIED = "try", "loaded", "went on", "died: "
-HUNG: Final = "Timeout ("  # with which `faulthandler` begins
+HUNG: Final = "Timeout ("  # the first words of `faulthandler`
 _NOTES: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _MODE: Final = 0o640
 
@@ -56,18 +56,18 @@ class Trial:
     ----------
     directory : Path
     boot : str
-        Tells boots apart; tries of another boot do not count.
+        Identifies the boot; tries of another boot do not count.
 
     Attributes
     ----------
     told : str
-        How earlier tries of the state that is tried now have ended; empty for none.
+        How earlier tries of the present state ended; empty without tries.
     handle : int or None
         Descriptor of the file of notes, while it is open.
     alive_s : float
-        When the process last moved, by the monotonic clock.
+        Time of the last `alive`, by the monotonic clock.
     tries : list of list of str
-        What was noted of each earlier try of this boot, in order.
+        Notes of each earlier try of this boot, in order.
     """
 
     def __init__(self, directory: Path, boot: str) -> None:
@@ -88,17 +88,17 @@ class Trial:
 
     @property
     def aside(self) -> list[list[str]]:
-        """States that were set aside in this trial: the name of each, and its name now."""
+        """States that were set aside in this trial: original and present name of each."""
         found: list[list[str]] = self._head.get("aside", [])
         return found
 
     def against(self, saved_ns: int | None) -> str:
-        """Say why a state must not be restored; empty where nothing speaks against it.
+        """Say why a state must not be restored; empty if it may be restored.
 
         Parameters
         ----------
         saved_ns : int or None
-            Tells states apart; None: no state at all.
+            Identifies the state; None: no state.
         """
         self.told = ""
         if self._head.get("acquitted"):
@@ -119,23 +119,23 @@ class Trial:
         if handle is None:
             return
         self._note(TRY)
-        if not faulthandler.is_enabled():  # if it is enabled already, its output belongs to somebody else
+        if not faulthandler.is_enabled():  # if it is enabled already, its output belongs to another part of the program
             faulthandler.enable(handle)
             self._faults = True
         self.alive_s = time.monotonic()
         self.alive()
 
     def set_aside(self, name: str, aside: str) -> None:
-        """Remember the new name of a state, so that it can be put back if it was not to blame."""
+        """Remember the new name of a state, so that it can be put back if it was not the cause."""
         self._begin_anew(saved_ns=self._head.get("saved_ns"), aside=[*self.aside, [name, aside]])
 
     def put_back(self) -> list[Path]:
-        """Put states back that were not to blame: the service ends in the same way without any state.
+        """Put states back that were not the cause: the service ends in the same way without any state.
 
         Returns
         -------
         list of Path
-            Those that have their own name again; this trial tries nothing any more.
+            States that have their original name again; this trial is over.
         """
         if not self.aside or self._head.get("saved_ns") is not None or len(self._reasons()) < NOTED_MOST:
             return []
@@ -167,15 +167,15 @@ class Trial:
     def over(self) -> None:
         """End the trial: all went well, or the service was told to end."""
         self._let_go()
-        with suppress(OSError):  # the file is not there, or the disk is read-only now: then these tries stay noted
+        with suppress(OSError):  # the file is missing, or the disk is read-only: then the notes of these tries remain
             self._path.unlink()
 
     @contextmanager
     def noting(self) -> Iterator[None]:
-        """Note what ends the process; if it was told to end and does, the trial is over."""
+        """Note the reason for the end of the process; if it was told to end, the trial is over."""
         try:
             yield
-        except GatewayError:  # a fault of configuration or bus, reported, and no matter when the bus failed
+        except GatewayError:  # a reported fault of configuration or bus, at any time
             if time.monotonic() - self.alive_s > HANG_S:
                 self._note(WENT_ON)
             self._let_go()
@@ -192,7 +192,7 @@ class Trial:
             raise
 
     def _stopped(self) -> None:
-        """End the trial as `over` does, but remember the states that were set aside: none is proven guilty yet."""
+        """End the trial like `over`, but remember the states that were set aside: none is proven to be the cause."""
         if self.handle is None or not self.aside:
             self.over()
         else:
@@ -240,7 +240,7 @@ class Trial:
     def _note(self, line: str) -> None:
         if self.handle is not None:
             with suppress(OSError):
-                # what was written before it may have been cut off within a line
+                # the text before it may be cut within a line
                 os.write(self.handle, f"\n{line}\n".encode(errors="replace"))
 
     def _let_go(self) -> None:
@@ -264,7 +264,7 @@ def _is_head(head: object) -> bool:
 
 
 def _reason(lines: list[str]) -> str:
-    """Why a try has ended; empty if it noted no reason, or went on after what looked like its end."""
+    """Reason for the end of a try; empty if it noted none, or if it went on after the note."""
     if not lines or lines[-1] in (LOADED, WENT_ON):
         return ""
     told = next(line for line in lines if line not in (LOADED, WENT_ON))

@@ -109,22 +109,22 @@ class Linear:
 
 @dataclass(slots=True)
 class Coolant:
-    """What the inlet of S strings has done so far.
+    """Recent course of the inlet of S strings: the mean of its offset, and its recent movement.
 
     Attributes
     ----------
     off : ndarray (S,), K
-        Mean of the inlet's offset. A loss of cooling appears as such an offset at first, and the newest offset would
-        reduce the flux by which the loss of cooling shows.
+        Mean of the inlet's offset over `INLET_S`. A loss of cooling appears as such an offset at first; the newest
+        offset would therefore hide a part of the flux that shows the loss.
     moved : ndarray (S,), K
-        Reading of the inlet over its mean of `LATE_S`.
+        Reading of the inlet minus its exponential mean over `LATE_S`.
     """
 
     off: Floats
     moved: Floats
 
     def take(self, off: Floats, change: Floats, dt: float) -> Floats:
-        """Take in a step: offset (S,) and change (S,) of the reading, K; how sure the step's inlet is, K² (S,)."""
+        """Add a step with offset (S,) and change (S,) of the reading, K; return the variance of its inlet, K² (S,)."""
         self.off = self.off + (off - self.off) * (dt / INLET_S)
         left = float(np.exp(-dt / LATE_S))
         before, self.moved = self.moved, self.moved * left + change * (LATE_S / dt) * (1.0 - left)
