@@ -18,7 +18,7 @@ from bms_gateway.thermal import Floats
 WARM_S = 900.0
 """Time before the fault, in which the watch over heat finds its state."""
 MORE_S = 60.0
-"""Time by which a fault lasts longer than the time to its alert."""
+"""Time for which a fault lasts beyond the limit for its alert."""
 WATTS = (1.0, 3.0, 10.0)
 SENSED = ((0.03, 120.0), (0.02, 180.0), (0.01, 240.0), (0.005, 720.0), (0.0, 900.0))
 BESIDE = ((0.2, 120.0), (0.06, 240.0), (0.02, 1200.0))

@@ -18,7 +18,7 @@ ABSENT = np.uint8(Quality.NEVER)
 SLACK_K = 1.5
 """A core with a smaller error counts as right whatever its band is: neither sensors nor models are more exact."""
 BAND = 3.0
-"""Half width of the band, sd. A right filter is outside in one tick of some hundred, by less than `SLACK_K`."""
+"""Half width of the band, sd. A correct filter is outside in about one tick of a hundred, by less than `SLACK_K`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Bystander:
 
     @property
     def state(self) -> int | None:
-        """Newest state that was sent."""
+        """The state that was sent last."""
         return None if np.isnan(self._values[0]) else int(self._values[0])
 
     @property

@@ -164,7 +164,7 @@ class Quiet:
 
     @property
     def text(self) -> str:
-        """How long."""
+        """The duration in words."""
         return f"sends nothing for {self.seconds} s"
 
     def first_s(self, record: Record) -> float | None:
@@ -183,7 +183,7 @@ class Unmoved:
 
     @property
     def text(self) -> str:
-        """In two words."""
+        """A short description."""
         return "estimates untouched"
 
     def first_s(self, record: Record) -> float | None:

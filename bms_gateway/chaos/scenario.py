@@ -135,7 +135,7 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        """Whether all was as expected; true for a scenario that cannot be run."""
+        """Whether all reactions were as expected; true for a scenario that cannot be run."""
         if not self.tried:
             return True
         late = self.recovered_s is None or self.recovered_s > self.scenario.recovers_s
@@ -143,7 +143,7 @@ class Outcome:
 
     @property
     def seen(self) -> str:
-        """What was seen, for people."""
+        """The observed reaction, for people."""
         if not self.tried:
             return f"not tried: {self.scenario.unfit}"
         if not self.sound_before:

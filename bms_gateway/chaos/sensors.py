@@ -91,7 +91,7 @@ def _thermocouples(facts: Facts) -> list[Scenario]:
 
 
 class RunsAway:
-    """Shows a cell that a fault heats until it runs away; the thermocouple dies in the fire."""
+    """Shows a cell that a fault heats until it runs away; the thermocouple is destroyed by the heat."""
 
     def __init__(self) -> None:
         self._since = FROZEN

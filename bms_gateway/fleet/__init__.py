@@ -1,1 +1,1 @@
-"""Many vehicles: their logs through the one engine, a row per vehicle-day and string, and what they have in common."""
+"""Many vehicles: their logs through the engine, a row per vehicle-day and string, and a search for common errors."""

@@ -30,7 +30,8 @@ COMMON_SD = 4.0
 ALIKE = 0.8
 """Share of the vehicles whose errors must have the same sign for an error to be common."""
 OUTLIER_SD = 6.0
-"""Far beyond chance among thousands of vehicles and a hundred places each, scatter of healthy packs included."""
+"""So many sd are far beyond chance among thousands of vehicles with a hundred places each, scatter of healthy packs
+included."""
 LEAST_OTHER = 0.05
 """Share of the time outside a regime, below which there is nothing to compare it with."""
 SHARED = 0.5
@@ -176,7 +177,7 @@ def _order(place: Place) -> tuple[str, int, int]:
 
 
 def _columns(rows: Iterable[Row]) -> tuple[dict[Place, _Column], dict[str, str]]:
-    """Bring each vehicle's days together; the log of each vehicle's longest row."""
+    """Merge the days of each vehicle; keep the log of its longest row."""
     sums: dict[Place, dict[str, list[float]]] = defaultdict(dict)
     longest: dict[str, tuple[float, str]] = {}
     for row in rows:
@@ -202,7 +203,7 @@ def _columns(rows: Iterable[Row]) -> tuple[dict[Place, _Column], dict[str, str]]
 
 
 def _error(inside: Sequence[float], whole: Sequence[float], regime: str) -> tuple[float, float] | None:
-    """Mean error of one vehicle at one place and its sd; None where there is too little other time to compare with."""
+    """Mean error of one vehicle at one place and its sd; None if there is too little other time for a comparison."""
     n, S, var = inside
     if regime == "all":
         return S / n, sqrt(var) / n

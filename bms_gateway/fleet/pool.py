@@ -1,7 +1,8 @@
 """The tasks of a fleet, spread over processes of this machine or over an existing Dask cluster.
 
-Both ways run the same function and return its outcomes as they come; the results do not depend on the order. A process
-that dies loses only its own work, which is done again. Every other fault of a log becomes an outcome that describes it.
+Both ways run the same function and return its outcomes in the order of completion; the results do not depend on the
+order. A process that dies loses only its own work, which is done again. Every other fault of a log becomes an outcome
+that describes it.
 """
 
 import os
@@ -23,7 +24,7 @@ CONNECT_S = 30.0
 DIED = "the process that analysed it was ended twice (killed, or out of memory)"
 
 Numbered = tuple[int, Outcome]
-"""Index of a task and what became of it."""
+"""Index of a task and its outcome."""
 
 
 def on_this_machine(tasks: Sequence[Task], jobs: int) -> Iterator[Numbered]:
@@ -32,7 +33,7 @@ def on_this_machine(tasks: Sequence[Task], jobs: int) -> Iterator[Numbered]:
     Yields
     ------
     (int, Outcome)
-        As they come.
+        In the order of completion.
     """
     for name in THREADS:  # read by the libraries when a fresh process loads them
         os.environ[name] = "1"

@@ -1,4 +1,4 @@
-"""Which vehicle a log is of: by its file's name, by its folder's, or by a pattern that finds the name in its path."""
+"""Finds the vehicle of a log by the name of its file or folder, or by a pattern in its path."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def vehicle_of(log: Path, how: str) -> str:
     log : Path
     how : str
         `file`: the file's name without its endings; `folder`: the name of its folder; else a regular expression that is
-        searched in the path, whose first group is the name (the whole match where there is none).
+        searched in the path, whose first group is the name (the whole match without a group).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The paper's figures and tables, computed anew by the code that runs in the vehicle, beside the printed ones.
+"""Computes the paper's figures and tables with the code that runs in the vehicle, and compares them with the print.
 
 No method is implemented here: identification comes from `identify`, observers from `observe`, ranks and placement
 from `sensors`. This room sets up the paper's cases, compares the results, and says where the print is wrong.

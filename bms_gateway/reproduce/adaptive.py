@@ -1,4 +1,4 @@
-"""Fig 5: the adaptive observer of one cell, from wrong temperatures and wrong resistances."""
+"""Fig 5: the adaptive observer of one cell, with a wrong start of temperatures and resistances."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Eq 15: whether a drive excites all coefficients, by the paper's eigenvalues and by the uncertainty afterwards."""
+"""Eq 15: whether a drive excites all coefficients, by the paper's eigenvalues and by the resulting uncertainty."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

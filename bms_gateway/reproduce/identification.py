@@ -1,4 +1,4 @@
-"""Table 1, Eq 7 to 14, Figures 3 and 4: one cell, and its resistances found while driving."""
+"""Table 1, Eq 7 to 14, Figures 3 and 4: one cell, and the identification of its resistances during a drive."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Eq 19 to 21, Tables 2 and 3, Figures 12 and 13: how many sensors, and why the paper's counts come from rounding."""
+"""Eq 19 to 21, Tables 2 and 3, Figures 12 and 13: the number of sensors; the paper's counts are effects of rounding."""
 
 import numpy as np
 

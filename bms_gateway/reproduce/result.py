@@ -28,7 +28,7 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One thing the paper says, beside ours.
+    """One result of the paper, compared with ours.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ def kept(hold: bool) -> Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of a panel: `x`, `y` (K,); `style` as "-", "--", "o"."""
+    """One line of a panel: `x`, `y` (K,); `style` is "-", "--" or "o"."""
 
     label: str
     x: Floats

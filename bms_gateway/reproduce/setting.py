@@ -19,9 +19,10 @@ EQ_14: Mapping[str, float] = MappingProxyType({"R_e": 10e-3, "R_c": 0.5, "R_u": 
 """Ω, K/W, K/W: start of the identification. ASSUMED: our sources do not print the numbers of Eq 14; these
 are wrong by factors of 2.9, 0.4 and 1.9, and lie on the wrong side of the fold."""
 REL_SD: Mapping[str, float] = MappingProxyType({"R_e": 1.0, "R_c": 0.8, "R_u": 0.8})
-"""How little the start is worth."""
+"""Relative sd of the start."""
 R_CC = 32.0
-"""K/W between cells: the paper prints no value; Fig 7's temperatures and Table 3 both need about this one."""
+"""K/W between cells: the paper prints no value; the temperatures of Fig 7 and the counts of Table 3 require about this
+value."""
 INLET = 25.0
 """°C."""
 RESISTANCES = ("R_e", "R_c", "R_u")

@@ -22,7 +22,7 @@ HOT = (2, 3, 4)
 HOT_R_E = 4.3e-3
 """Ω: aged cells, which have no sensor."""
 INDEPENDENT = Disturbance(heat_common=0.0, heat_cell=0.5, inlet=0.0)
-"""W: assumption of a filter like the paper's, in which every cell has its own error."""
+"""W: error of each cell on its own, as a filter like the paper's assumes."""
 COMMON = Disturbance()
 """0.5 W common, 0.15 W per cell, inlet 0.5 K, each for 600 s, 0.1 K sensors: the product's defaults."""
 BRIEF_S = 10.0
@@ -33,7 +33,7 @@ WHITE = Disturbance(
     inlet=COMMON.inlet * _MORE,
     correlation=BRIEF_S,
 )
-"""The same low-frequency intensity 2τσ² as noise that is almost white."""
+"""The same low-frequency intensity 2τσ², but almost white."""
 
 TEXT = (
     "Cells in a row share a coolant that warms up on its way, and touch their neighbours (R_cc). Each has Eq 1; the "
