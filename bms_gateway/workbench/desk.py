@@ -17,8 +17,9 @@ from bms_gateway.workbench.busy import BusyError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
-from bms_gateway.workbench.shared import Shared, key_of
+from bms_gateway.workbench.shared import Shared
 from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of
+from bms_gateway.workbench.task_request import TaskRequest
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
@@ -50,8 +51,7 @@ class Desk:
 
     def __init__(self, name: str, shared: Shared | None = None) -> None:
         self.name = name
-        self._shared = shared
-        self._key, self._waits = "", False  # of the request, if shared; and whether another tab computes it
+        self._request = TaskRequest(self, shared)
         self.changed = threading.Condition()
         self.version = 0
         self.uploads = Uploads()
@@ -62,7 +62,6 @@ class Desk:
         self._notes = ""
         self._tracks: dict[str, Document] = {}
         self._job: Document | None = None
-        self._request: Document = {}
         self._refusal: Document | None = None
         self._error = ""
         self._report: Path | None = None
@@ -95,7 +94,7 @@ class Desk:
         """End its process, and delete its uploads."""
         with self.changed:
             self._closed = True
-            self._leave()
+            self._request.leave()
             worker = self._worker
             self._told()
         worker.end()
@@ -171,7 +170,7 @@ class Desk:
             if self._job is None:
                 return
             self._job, self._error = None, ""
-            self._leave()
+            self._request.leave()
             worker, self._worker = self._worker, Worker(self._hear)
             self._told()
         worker.end()
@@ -384,30 +383,23 @@ class Desk:
                 raise UsageError("this tab was open too long ago: reload the page")
             self._job = {"kind": kind, "title": TITLES[kind], "share": 0.0, "text": ""}
             self._error = ""
-            self._request = {"do": kind, "folder": str(self.folder), **request}
-            self._key = key_of(self._request, (self._opened or {}).get("same", "")) if self._shared else ""
-            self._waits = bool(self._shared and self._key and not self._shared.ask(self._key, self))
-            if not self._waits:
+            content = {"do": kind, "folder": str(self.folder), **request}
+            self._request.start(content, (self._opened or {}).get("same", ""))
+            if not self._request.waits:
                 self._compute()
             self._told()
 
     def _compute(self) -> None:
         """Have the own process carry out the request."""
-        self._waits = False
+        self._request.waits = False
         if not self._worker.alive:
             self._worker = Worker(self._hear)
-        self._worker.ask(self._request)
-
-    def _leave(self) -> None:
-        """End the interest in the request."""
-        key, self._key, self._waits = self._key, "", False
-        if self._shared is not None and key:
-            self._shared.leave(key, self)
+        self._worker.ask(self._request.content)
 
     def hear_shared(self, key: str, answer: Document | None) -> None:
         """Use another tab's answer to the same request; None: this tab must now compute it."""
         with self.changed:
-            if key != self._key or self._job is None or self._closed:
+            if not self._request.has(key) or self._job is None or self._closed:
                 return
             if answer is None:
                 self._compute()
@@ -417,13 +409,13 @@ class Desk:
 
     def _hear(self, worker: Worker, answer: Document | None) -> None:
         with self.changed:
-            if worker is not self._worker or self._closed or self._waits:
+            if worker is not self._worker or self._closed or self._request.waits:
                 return  # from a process that was replaced, or that has no task
-            if answer is not None and self._job is not None and self._shared is not None and self._key:
-                self._shared.answered(self._key, answer, self.folder)
+            if answer is not None and self._job is not None:
+                self._request.answered(answer, self.folder)
             if answer is None:  # the next task starts another: now it might end in the same way at once
                 self._to_resume.abandon()
-                self._leave()
+                self._request.leave()
                 if self._job is None:
                     return
                 self._job, self._error = None, GONE
@@ -439,7 +431,7 @@ class Desk:
             self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
         elif "done" in answer:
             self._job = None
-            self._take(self._request, answer["done"])
+            self._take(self._request.content, answer["done"])
         else:  # progress, in words or in errors and curves
             trial = answer.get("trial", {})
             if "curves" in trial:
