@@ -37,6 +37,7 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_frames
+    from bms_gateway.cli.logged_frames import logged_frames
     from bms_gateway.cli.output import distinct, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine, drive
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     notes = [LogNotes() for _ in args.log]
     span = Span()
     with ResultFolder(out, {s.name: s.model.cells for s in loaded.plan.strings}) as folder:
-        batches = _batches(args.log, notes, span)
+        batches = logged_frames(args.log, notes, span)
         with folder.create("broadcast.log") as file:
             write_frames(file, _sent(drive(engine, batches), folder, courses), loaded.config.bus.channel)
         expect_estimates(args.log, args.config, engine, span)
@@ -82,19 +83,6 @@ def run(args: argparse.Namespace) -> int:
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
     say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
-
-
-def _batches(logs: list[Path], notes: "list[LogNotes]", span: "Span") -> "Iterator[FrameBatch]":
-    from bms_gateway.bus.logfile import read_log
-    from bms_gateway.report.progress import progress
-
-    for log, note in zip(logs, notes, strict=True):
-        with progress(log.name, None) as advance:
-            for batch in read_log(log, notes=note):
-                if len(batch):
-                    span.note(batch)
-                    advance(len(batch))
-                    yield batch
 
 
 def _sent(events: "Iterable[Event]", folder: "ResultFolder", courses: "Courses") -> "Iterator[FrameBatch]":

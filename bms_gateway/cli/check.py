@@ -187,28 +187,24 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], li
     """
     from dataclasses import replace
 
-    from bms_gateway.bus.logfile import read_log
+    from bms_gateway.bus.logfile import LogNotes
+    from bms_gateway.cli.logged_frames import logged_frames
     from bms_gateway.engine import Engine
     from bms_gateway.errors import DataError
     from bms_gateway.records.courses import Courses
     from bms_gateway.records.signal_use import contradictions, signal_use
-    from bms_gateway.report.progress import progress
+    from bms_gateway.records.span import Span
 
-    frames = 0
     plain = tuple(replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings)
     plan = replace(loaded.plan, transmit=False, strings=plain)
     engine = Engine(plan, loaded.database, whole=True)
     courses = Courses(engine, loaded.database)
-    for log in logs:
-        with progress(log.name, None) as advance:
-            for batch in read_log(log):
-                if len(batch):
-                    frames += len(batch)
-                    advance(len(batch))
-                    engine.receive(batch, now_ns=int(batch.time_ns.max()))
-                    while (event := engine.next_output()) is not None:
-                        courses.take(event)
-    if not frames:
+    span = Span()
+    for batch in logged_frames(logs, [LogNotes() for _ in logs], span):
+        engine.receive(batch, now_ns=int(batch.time_ns.max()))
+        while (event := engine.next_output()) is not None:
+            courses.take(event)
+    if not span.frames:
         raise DataError(f"{', '.join(str(log) for log in logs)}: no data frames")
     stated = {s.name for s in loaded.config.string if s.signals is not None}
     wrong = [*contradictions(plan, engine.inputs), *courses.contradictions()]

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
     from bms_gateway.engine import Engine
     from bms_gateway.engine.forecast_result import Foreseen
-    from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.observe.ahead import Ahead
     from bms_gateway.records.span import Span
     from bms_gateway.report.forecast_score import Row, Scorer, Truth
@@ -107,20 +106,10 @@ def _driven(
     args: argparse.Namespace, engine: "Engine", scorer: "Scorer", span: "Span", notes: "list[LogNotes]"
 ) -> "Iterator[tuple[Foreseen | None, list[Row]]]":
     """Run the engine over the logs: yield each forecast, and the rows that can be judged by then."""
-    from bms_gateway.bus.logfile import read_log
+    from bms_gateway.cli.logged_frames import logged_frames
     from bms_gateway.engine import Foreseen, drive
-    from bms_gateway.report.progress import progress
 
-    def batches() -> "Iterator[FrameBatch]":
-        for log, n in zip(args.log, notes, strict=True):
-            with progress(log.name, None) as advance:
-                for batch in read_log(log, notes=n):
-                    if len(batch):
-                        span.note(batch)
-                        advance(len(batch))
-                        yield batch
-
-    for event in drive(engine, batches()):
+    for event in drive(engine, logged_frames(args.log, notes, span)):
         judged = list(scorer.take(event))
         if isinstance(event, Foreseen):
             yield event, judged

@@ -1,5 +1,7 @@
 """Figures 7 to 11: a string of five cells, its profile, its shutdown, and observers with a wrong start."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bms_gateway.observe import Disturbance, Kalman, Start, stack, start_covariance
@@ -236,18 +238,7 @@ def _restart(current: Floats) -> tuple[list[Row], Figure]:
             {f"cell_{k}": float(v) for k, v in enumerate(c, 1)},
         ),
     ]
-    t = np.arange(len(truth)) / 60.0
-    panels = tuple(
-        Panel(
-            f"cell {k + 1}" + (" (sensor)" if k + 1 in SENSORS else " (no sensor)"),
-            "min",
-            "error of the core, K",
-            tuple(Curve(n, t, (v - truth)[:, 2 * k]) for n, v in runs.items()),
-            limits=(-7.5, 1.5),
-            level=0.0,
-        )
-        for k in (0, 2)
-    )
+    panels = _error_panels(runs, truth, {0: "sensor", 2: "no sensor"}, (-7.5, 1.5))
     return rows, Figure(
         "fig09_restart", "Fig 9: restart from 37 °C inside and 30 °C outside, believed to be 30 °C", panels
     )
@@ -312,18 +303,26 @@ def _unequal(current: Floats) -> tuple[list[Row], Figure]:
             {"norm_K": c, "worst_K": c1},
         ),
     ]
+    panels = _error_panels(runs, truth, {2: "aged, no sensor", 4: "sensor"})
+    return rows, Figure("fig11_unequal", "Fig 10–11: three aged cells between two sensors", panels)
+
+
+def _error_panels(
+    runs: Mapping[str, Floats], truth: Floats, cells: Mapping[int, str], limits: tuple[float, float] | None = None
+) -> tuple[Panel, ...]:
+    """Make a panel for each of some cells (0-based, with a note): the error of the core in each run."""
     t = np.arange(len(truth)) / 60.0
-    panels = tuple(
+    return tuple(
         Panel(
-            f"cell {k + 1}" + (" (sensor)" if k + 1 in SENSORS else " (aged, no sensor)"),
+            f"cell {k + 1} ({note})",
             "min",
             "error of the core, K",
             tuple(Curve(n, t, (v - truth)[:, 2 * k]) for n, v in runs.items()),
+            limits=limits,
             level=0.0,
         )
-        for k in (2, 4)
+        for k, note in cells.items()
     )
-    return rows, Figure("fig11_unequal", "Fig 10–11: three aged cells between two sensors", panels)
 
 
 def error_norms(error: Floats) -> tuple[float, float]:
