@@ -18,7 +18,6 @@ DENSER = {
     "health/heat/balances.py Unknown.of": 7,
     "health/heat/filter.py HeatFilter": 22,
     "health/heat/proven.py may_be_heat": 7,
-    "identify/resistance_by_cell.py fit_cells": 9,
 }
 """Parameters of functions and attributes of classes above the limits: they may fall, and nothing may join them."""
 PRIVATE = {

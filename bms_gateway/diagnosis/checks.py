@@ -23,13 +23,13 @@ from bms_gateway.diagnosis.input_checks import (
     check_rest,
     check_rows,
     check_sign,
-    median_of_columns,
 )
+from bms_gateway.diagnosis.known_values import mean_of_known, median_of_known
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.together import along, cells_in_words, span, unread_sentence, unused_sentence
 from bms_gateway.errors import counted
-from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
+from bms_gateway.thermal import StringModel, StringParameters, continuous, discretize, simulate
 
 SHORTEST_S = 300.0
 """Core and surface exchange heat in tens of seconds, surface and coolant in minutes; a shorter record shows neither."""
@@ -148,7 +148,7 @@ def _soak(r: Record, model: StringModel) -> Iterator[Finding]:
         return
     level = np.nanmedian(start, axis=0)
     third = max(len(start) // 3, 1)
-    drift = np.abs(_mean(start[-third:]) - _mean(start[:third]))
+    drift = np.abs(mean_of_known(start[-third:]) - mean_of_known(start[:third]))
     noise = r.noise.total
     if (drift > 0.1 + 3.0 * noise / np.sqrt(third)).any():
         yield Finding("no_soak", "note", "The record starts while temperatures still move: offsets cannot be read off.")
@@ -225,7 +225,7 @@ def _along(r: Record, model: StringModel) -> Iterator[Finding]:
     if not model.has_coolant_path or len(r.cells) < 2:
         return
     half = r.grid[len(r.grid) // 2 :]
-    rise = median_of_columns(half - np.append(r.drive.T_in[0], r.drive.T_in)[len(r.grid) // 2 :, None])
+    rise = median_of_known(half - np.append(r.drive.T_in[0], r.drive.T_in)[len(r.grid) // 2 :, None])
     first, last = float(rise[0]), float(rise[-1])
     if first - last > max(1.0, 0.3 * abs(first)):
         yield Finding(
@@ -260,10 +260,3 @@ def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
 def _surfaces(cells: Sequence[int], one: str, several: str) -> str:
     """Name the surfaces of cells, with the singular or plural verb."""
     return f"the surface{'s' if len(cells) > 1 else ''} of {cells_in_words(cells)} {several if len(cells) > 1 else one}"
-
-
-def _mean(y: Floats) -> Floats:
-    """Mean of each column over its known values; NaN without any."""
-    known = np.isfinite(y)
-    count = known.sum(axis=0)
-    return np.asarray(np.where(known, y, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
+from bms_gateway.diagnosis.known_values import correlation, median_of_known
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.drive import Drive
 
 ACTIVE, REST = 0.1, 0.03
@@ -99,7 +100,7 @@ def check_rest(r: Record, _: StringModel) -> Iterator[Finding]:
 def check_sign(r: Record, _: StringModel) -> Iterator[Finding]:
     """Check the sign of the current by the voltage, or by the SOC if there is no voltage."""
     d = r.drive
-    if "voltage" in d.known and (against := _correlation(np.diff(d.I), np.diff(d.V))) > 0.3:
+    if "voltage" in d.known and (against := correlation(np.diff(d.I), np.diff(d.V))) > 0.3:
         yield Finding(
             "current_sign",
             "warn",
@@ -112,7 +113,7 @@ def check_sign(r: Record, _: StringModel) -> Iterator[Finding]:
         if count >= 5:
             soc = d.soc[: count * block : block]
             moved = d.I[: (count - 1) * block].reshape(count - 1, block).mean(axis=1)
-            if (with_charge := _correlation(moved, np.diff(soc))) > 0.3:
+            if (with_charge := correlation(moved, np.diff(soc))) > 0.3:
                 yield Finding(
                     "current_sign",
                     "warn",
@@ -142,7 +143,7 @@ def check_inlet(r: Record, _: StringModel) -> Iterator[Finding]:
     warm = np.append(False, above_share(d, ACTIVE))
     warm[: len(warm) // 2] = False
     gap = r.grid[warm] - np.append(d.T_in[0], d.T_in)[warm, None]
-    if np.isfinite(gap).any() and (most := float(np.nanmax(median_of_columns(gap)))) < -SWAPPED_K:
+    if np.isfinite(gap).any() and (most := float(np.nanmax(median_of_known(gap)))) < -SWAPPED_K:
         yield Finding(
             "inlet_warmer",
             "warn",
@@ -171,7 +172,7 @@ def check_loop(r: Record, _: StringModel) -> Iterator[Finding]:
         return
     hottest = np.where(np.isfinite(r.grid), r.grid, -np.inf).max(axis=1)[:-1]
     seen = np.isfinite(hottest)
-    if (together := _correlation(hottest[seen], d.flow[seen])) > LOOP:
+    if (together := correlation(hottest[seen], d.flow[seen])) > LOOP:
         yield Finding(
             "flow_follows_temperature",
             "warn",
@@ -225,20 +226,7 @@ def above_share(d: Drive, share: float) -> NDArray[np.bool_]:
     return np.asarray(effective > share * effective.max())
 
 
-def median_of_columns(y: Floats) -> Floats:
-    """Median of each column over its known values; NaN without any."""
-    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in y.T])
-
-
 def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """List the runs of intervals that are on: the first interval of each, and the one after it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
-
-
-def _correlation(a: Floats, b: Floats) -> float:
-    both = np.isfinite(a) & np.isfinite(b)
-    a, b = a[both], b[both]
-    if len(a) < 5 or np.std(a) == 0.0 or np.std(b) == 0.0:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])

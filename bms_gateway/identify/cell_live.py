@@ -21,7 +21,7 @@ from bms_gateway.identify.cells_in_words import cell_estimates
 from bms_gateway.identify.contract import Estimate, Posterior, Tick
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
-from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, CellRecord, Known, fit_cells, numbers_of
 from bms_gateway.identify.stretch import Stretch
 from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import Disturbance, Floats, StringModel
@@ -71,12 +71,9 @@ class CellJob:
         fit = fit_cells(
             replace(self.model, priors=priors),
             self.record,
-            resistance=self.electrical.value,
-            resistance_rel_sd=self.electrical.with_skew(self.settings.skew_s),
-            baseline=baseline,
+            known=Known(self.electrical.value, self.electrical.with_skew(self.settings.skew_s), baseline, guess),
             settings=self.settings,
             disturbance=self.disturbance,
-            guess=guess,
         )
         prior = replace(fit.prior, mean=_shifted(fit.layout, fit.prior.mean, -ln))
         fit = replace(fit, mean=_shifted(fit.layout, fit.mean, -ln), prior=prior)

@@ -17,7 +17,7 @@ marginal likelihood itself, including ln det S.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,17 +282,52 @@ class CellProblem:
         return _Linear(white[:, :, 0], white[:, :, 1:], log_det, int((self.count > 0).sum()))
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of the cells of a string, besides the model and the record.
+
+    Attributes
+    ----------
+    resistance, resistance_rel_sd : ndarray (n,) or None
+        Electrical resistance of each cell and its relative error; NaN for a cell without voltage.
+    baseline : Baseline or None
+        Replaces the model's hierarchical prior: the result of a commissioning run with more sensors.
+    guess : mapping of symbol to float
+        Logarithm of the cells' geometric mean: start of the search if the prior is wide.
+    """
+
+    resistance: Floats | None = None
+    resistance_rel_sd: Floats | None = None
+    baseline: Baseline | None = None
+    guess: Mapping[str, float] = field(default_factory=dict)
+
+    def prior(self, model: StringModel, layout: Layout, settings: CellSettings) -> CellPrior:
+        """Make the prior of θ; raise `ValueError` for a baseline of another structure."""
+        R_el = np.full(model.cells, np.nan) if self.resistance is None else self.resistance
+        sd = np.zeros(model.cells) if self.resistance_rel_sd is None else self.resistance_rel_sd
+        if self.baseline is None:
+            return cell_prior(model, layout, settings).with_electrical(layout.at("R_e"), R_el, sd, settings)
+        if self.baseline.layout != layout:
+            raise ValueError("baseline of a string with other numbers")
+        return self.baseline.prior(R_el, sd, settings)
+
+    def first(self, prior: CellPrior, layout: Layout) -> Floats:
+        """Return θ at which the search starts."""
+        first = prior.mean.copy()
+        for symbol, ln in self.guess.items():
+            if at_symbol := layout.at(symbol):
+                first[at_symbol] += ln - first[at_symbol].mean()
+        return first
+
+
 def fit_cells(
     model: StringModel,
     record: CellRecord,
     *,
-    resistance: Floats | None = None,
-    resistance_rel_sd: Floats | None = None,
-    baseline: Baseline | None = None,
+    known: Known | None = None,
     settings: CellSettings | None = None,
     disturbance: Disturbance | None = None,
     start: Start | None = None,
-    guess: Mapping[str, float] | None = None,
 ) -> CellFit:
     """Find R_e of each cell.
 
@@ -301,13 +336,8 @@ def fit_cells(
     model : StringModel
         The priors' `rel_sd` are those of the string's means.
     record : CellRecord
-    resistance, resistance_rel_sd : ndarray (n,), optional
-        Electrical resistance of each cell and its relative error; NaN for a cell without voltage.
-    baseline : Baseline, optional
-        Replaces the model's hierarchical prior: the result of a commissioning run with more sensors.
+    known : Known, optional
     settings, disturbance, start : optional
-    guess : mapping of symbol to float, optional
-        Logarithm of the cells' geometric mean: start of the search if the prior is wide.
 
     Returns
     -------
@@ -323,25 +353,13 @@ def fit_cells(
     -----
     About 0.5 s for 5 cells and 89 minutes. Pure: the same arguments give the same result to the last bit.
     """
-    settings, start = settings or CellSettings(), start or Start()
+    known, settings, start = known or Known(), settings or CellSettings(), start or Start()
     problem = CellProblem(model, record, settings, disturbance or Disturbance(), start)
     layout = problem.layout
-    nothing = np.full(model.cells, np.nan)
-    R_el = nothing if resistance is None else resistance
-    R_el_sd = np.zeros(model.cells) if resistance_rel_sd is None else resistance_rel_sd
-    if baseline is None:
-        prior = cell_prior(model, layout, settings).with_electrical(layout.at("R_e"), R_el, R_el_sd, settings)
-    elif baseline.layout == layout:
-        prior = baseline.prior(R_el, R_el_sd, settings)
-    else:
-        raise ValueError("baseline of a string with other numbers")
+    prior = known.prior(model, layout, settings)
     if not problem.sensed:
         return CellFit(layout, prior.mean, _inverse(prior.precision), prior, 1.0, 1.0, (), 0.0)
-    first = prior.mean.copy()
-    for symbol, ln in (guess or {}).items():
-        if at_symbol := layout.at(symbol):
-            first[at_symbol] += ln - first[at_symbol].mean()
-    theta = _scored(problem, prior, first, 1.0)
+    theta = _scored(problem, prior, known.first(prior, layout), 1.0)
     level, at = _best_level(problem, prior, theta)
     if level != 1.0:
         theta = _scored(problem, prior, theta, level)

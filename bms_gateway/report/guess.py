@@ -11,6 +11,7 @@ from unicodedata import normalize
 
 import numpy as np
 
+from bms_gateway.diagnosis.known_values import correlation
 from bms_gateway.report.columns import UNITS, bare_unit, split_unit
 from bms_gateway.thermal import Floats
 
@@ -320,12 +321,3 @@ def _one_way(current: Floats, V: Floats) -> str:
     if sign * moved < MOVED:
         return ""
     return "the voltage rises while it is positive" if moved > 0.0 else "the voltage falls while it is negative"
-
-
-def correlation(a: Floats, b: Floats) -> float:
-    """Correlate two series where both are known; 0 if one of them is constant."""
-    both = np.isfinite(a) & np.isfinite(b)
-    a, b = a[both], b[both]
-    if len(a) < 5 or np.std(a) == 0.0 or np.std(b) == 0.0:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])

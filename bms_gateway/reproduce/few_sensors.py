@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.identify.cell_prior import SPREAD, CellSettings
-from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, Known, fit_cells, numbers_of
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.sensors.paper import C_F, R_CC, TABLE_1
 from bms_gateway.thermal import (
@@ -255,7 +255,7 @@ def _fit(line: Line, model: StringModel, packs: Packs, i: int) -> CellFit:
     if line.joint_sd is not None:
         R_el = packs.R_e / packs.ratio[i] / (1.0 + line.joint_sd * packs.joints[i])
     record = CellRecord(packs.current**2, packs.inlet, y, np.zeros_like(y))
-    return fit_cells(model, record, resistance=R_el, settings=settings)
+    return fit_cells(model, record, known=Known(R_el), settings=settings)
 
 
 def _observed(model: StringModel, packs: Packs, fits: Sequence[CellFit]) -> Floats:

@@ -11,7 +11,7 @@ from bms_gateway.identify import WindowIdentifier, string_parameters
 from bms_gateway.identify.cell_kept import baseline_of, kept, numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier
 from bms_gateway.identify.cell_prior import AGED_APART, AGED_TOGETHER
-from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, fit_cells
+from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, Known, fit_cells
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from tests.truth.string import C_F, TABLE_1
@@ -38,7 +38,7 @@ def commissioned() -> tuple[CellFit, StringModel, np.ndarray]:
     R_el = d.R_el(0.03)[0].copy()
     R_el[3] = np.nan
     fit = fit_cells(
-        model(), CellRecord(d.current**2, d.inlet, d.readings[0], np.zeros_like(d.readings[0])), resistance=R_el
+        model(), CellRecord(d.current**2, d.inlet, d.readings[0], np.zeros_like(d.readings[0])), known=Known(R_el)
     )
     return fit, parse_model(format_model(kept(model(), fit, R_el))), R_el
 
@@ -93,7 +93,7 @@ def test_with_the_baseline_two_surfaces_and_voltages_know_the_cells_better():
     y[:, [0, 4]] = d.readings[0][:, [0, 4]]
     r = CellRecord(d.current**2, d.inlet, y, np.zeros_like(y))
     fresh = fit_cells(model(), r)
-    fit = fit_cells(m, r, baseline=baseline_of(m))
+    fit = fit_cells(m, r, known=Known(baseline=baseline_of(m)))
     assert (fit.rel_sd[1:4] < 0.6 * fresh.rel_sd[1:4]).all()
     assert (np.abs(np.log(fit.R_e / FIG_10)) < 3 * fit.rel_sd).all()
 

@@ -13,7 +13,7 @@ import scipy.stats
 from bms_gateway.identify.cell_prior import CellSettings, Layout, cell_prior
 from bms_gateway.identify.cells_in_words import cell_estimates, combinations, sentence
 from bms_gateway.identify.doubt import HOPELESS
-from bms_gateway.identify.resistance_by_cell import CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.resistance_by_cell import CellRecord, Known, fit_cells, numbers_of
 from bms_gateway.thermal import Disturbance, Prior, Start
 from tests.identify.cell_strings import ALL, ENDS, model
 from tests.truth.string import C_F, TABLE_1
@@ -169,7 +169,7 @@ def test_voltages_narrow_the_unread_cells_to_their_joints(packs) -> None:
     without = fit_cells(model(), record(packs, 0, ENDS))
     last = without.rel_sd
     for joint in (0.03, 0.01):
-        fit = fit_cells(model(), record(packs, 0, ENDS), resistance=packs.R_el(joint)[0],
+        fit = fit_cells(model(), record(packs, 0, ENDS), known=Known(packs.R_el(joint)[0]),
                         settings=CellSettings(joint_sd=joint))  # fmt: skip
         assert (fit.rel_sd < last).all()
         last = fit.rel_sd
@@ -233,14 +233,14 @@ def test_rougher_cells_are_noticed_and_the_band_widens() -> None:
 
 def test_a_commissioning_run_with_all_surfaces_serves_later_with_two(packs) -> None:
     first = fit_cells(model(ALL), record(drives([0], minutes=MINUTES, swing=5.0, run=1), 0, ALL))
-    fit = fit_cells(model(), record(packs, 0, ENDS), baseline=first.baseline())
+    fit = fit_cells(model(), record(packs, 0, ENDS), known=Known(baseline=first.baseline()))
     fresh = fit_cells(model(), record(packs, 0, ENDS))
     assert fit.rel_sd[1:4].max() < 0.06 < fresh.rel_sd[1:4].min()
     assert (np.abs(np.log(fit.R_e / packs.R_e[0])) < 2.5 * fit.rel_sd).all()
 
 
 def test_a_cell_that_ages_after_commissioning_is_followed_by_its_voltage(packs) -> None:
-    first = fit_cells(model(ALL), record(packs, 0, ALL), resistance=packs.R_el(0.03)[0])
+    first = fit_cells(model(ALL), record(packs, 0, ALL), known=Known(packs.R_el(0.03)[0]))
     R_el = packs.R_el(0.03)[0] * np.array([1.0, 1.0, 1.3, 1.0, 1.0])
     aged = first.baseline(packs.R_el(0.03)[0]).prior(R_el, np.zeros(5), CellSettings())
     at = first.layout.at("R_e")
@@ -272,7 +272,7 @@ def test_combinations_are_orthogonal_and_all_are_determined_when_all_are_read(pa
 
 def test_common_and_own_covariance_make_up_the_posterior(packs) -> None:
     m = model()
-    fit = fit_cells(m, record(packs, 0, ENDS), resistance=packs.R_el(0.03)[0])
+    fit = fit_cells(m, record(packs, 0, ENDS), known=Known(packs.R_el(0.03)[0]))
     n = numbers_of(m, fit)
     assert np.linalg.eigvalsh(n.common)[0] > -1e-12
     assert np.linalg.eigvalsh(n.own).min() > -1e-12
@@ -288,7 +288,7 @@ def test_bands_cover_what_they_claim() -> None:
         R_el = [None] * 12 if joint is None else d.R_el(joint)
         settings = CellSettings(joint_sd=joint or 0.03)
         fits = [
-            fit_cells(model(sensors), record(d, i, sensors), resistance=R_el[i], settings=settings) for i in range(12)
+            fit_cells(model(sensors), record(d, i, sensors), known=Known(R_el[i]), settings=settings) for i in range(12)
         ]
         off = np.log(np.array([f.R_e for f in fits]) / d.R_e) / np.array([f.rel_sd for f in fits])
         assert np.mean(np.abs(off) < 1.96) >= 0.88
