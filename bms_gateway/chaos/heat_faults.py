@@ -70,7 +70,7 @@ def _shorts(facts: Facts) -> list[Scenario]:
     p = model.nominal
     for watts in WATTS:
         rate = watts / float(p.C_c[sensed - 1] + p.C_s[sensed - 1])
-        slow = f"{watts:g} W beside a thermocouple warms a cell of this pack by {1e3 * rate:.2g} mK/s: none can tell"
+        slow = f"{watts:g} W beside a thermocouple warms a cell of this pack by {1e3 * rate:.2g} mK/s: undetectable"
         soon = next(s for least, s in SENSED if rate >= least)
         later = next((s for least, s in BESIDE if rate >= least), None)
         places = (

@@ -54,7 +54,7 @@ def check_current(r: Record, model: StringModel) -> Iterator[Finding]:
     if float(np.std(d.I2)) < STEADY * float(np.mean(d.I2)):
         said = f"The current is {float(np.median(d.I)):.3g} A all along"
         if float(np.ptp(d.I)) > peak:
-            said = f"The current is {rms:.3g} A all along, now one way and now the other"
+            said = f"The current is {rms:.3g} A all along, in both directions"
         yield Finding(
             "constant_current",
             "warn",
@@ -177,7 +177,7 @@ def check_loop(r: Record, _: StringModel) -> Iterator[Finding]:
             "flow_follows_temperature",
             "warn",
             f"The coolant flow follows the temperature (correlation {together:.2f}), as a controlled fan does: cause "
-            "and effect are hard to part. A run at fixed flow would tell more.",
+            "and effect are hard to separate. Record a run at fixed flow.",
         )
 
 

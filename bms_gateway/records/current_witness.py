@@ -131,8 +131,8 @@ def witness(I: Floats, V: Floats, soc: Floats, step_s: float = 1.0, resolution_V
         against.append(MAGNITUDE)
     if offset is not None:
         against.append(
-            f"the SOC stands where this current is {offset:.4g} A: its zero is off by so much; {-offset:.4g} more in "
-            "the offset of its entry mends it"
+            f"the SOC is constant at {offset:.4g} A of this current: the current has this offset; add {-offset:.4g} "
+            "to the offset of its entry"
         )
     elif strays and not supported:
         against.append("the SOC moves, and does not follow its integral")
@@ -160,12 +160,12 @@ class _Steps:
     def told(self) -> str:
         if self.correlation < PARTLY:
             return (
-                f"the pack's voltage moves without it: {self.moves} moves of the voltage, correlation with its steps "
+                f"the pack's voltage changes without it: {self.moves} steps of the voltage, correlation with its steps "
                 f"{self.correlation:.2f}"
             )
         return (
-            f"the pack's voltage moves only partly as by one resistance: correlation with its steps "
-            f"{self.correlation:.2f}, {100 * self.wrong:.0f} % of the moves go the other way"
+            f"the steps of the pack's voltage fit one resistance only in part: correlation with its steps "
+            f"{self.correlation:.2f}, {100 * self.wrong:.0f} % of the steps have the wrong direction"
         )
 
 

@@ -222,8 +222,8 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
         n = model[string].cells
         shown, own = (1e3 * x / n for x in (meter.resistance, expected))
         power = 3 * round(math.log10(ratio) / 3)
-        mends = power and abs(math.log10(ratio) - power) < math.log10(UNLIKE)
-        mend = f"scale = {10.0**power:g} in its entry mends it if the unit is wrong" if mends else "check its scale"
+        unit = power and abs(math.log10(ratio) - power) < math.log10(UNLIKE)
+        mend = f"scale = {10.0**power:g} in its entry corrects it if the unit is wrong" if unit else "check its scale"
         yield (
             f"{where}: where it steps, the voltage steps as if a cell had {shown:.3g} mΩ, and the model file says "
             f"{own:.3g} mΩ: {mend}, else look at R_e of the model and at the scale of the voltage"

@@ -94,7 +94,7 @@ def test_a_current_of_another_size_is_told_by_the_voltage(tmp_path, capsys, size
     amps = {"in_log": lambda amps: 0.15 * size * amps, "step": step}  # within what is plausible of a current
     status, text, said = check(*write(tmp_path, **amps), capsys)
     assert (status, len(said["contradictions"])) == (1, 1)
-    assert f"scale = {mend} in its entry mends it if the unit is wrong" in text
+    assert f"scale = {mend} in its entry corrects it if the unit is wrong" in text
     status, _, said = check(*write(tmp_path, f", scale = {mend}", **amps), capsys)
     assert (status, said["contradictions"]) == (0, [])
 

@@ -288,7 +288,7 @@ def test_a_square_wave_is_not_called_by_its_mean():
     wave = np.where(np.arange(3001) // 50 % 2, 79.0, -79.0)
     wave[1000:1500] = -79.0
     said = findings(c, current_A=wave)["constant_current"].sentence
-    assert said.startswith("The current is 79 A all along, now one way and now the other")
+    assert said.startswith("The current is 79 A all along, in both directions")
 
 
 def slow_charge(step=0.1, stuck_at=None):

@@ -29,8 +29,8 @@ def other(kind: str):
 
 SAID = {
     "phase": "as in a phase of a motor",
-    "size": "it is a magnitude|go the other way",
-    "offset": "its zero is off by so much; -7",
+    "size": "it is a magnitude|have the wrong direction",
+    "offset": "the current has this offset; add -7",
 }
 
 
@@ -79,7 +79,7 @@ def test_the_line_that_is_told_mends_an_offset(tmp_path, capsys) -> None:
             str(tmp_path / "v"),
         ]
     )
-    told = re.search(r"; (-?[\d.]+) more in the offset", capsys.readouterr().err)
+    told = re.search(r"; add (-?[\d.]+) to the offset", capsys.readouterr().err)
     assert told is not None
     line = 'current = "Elec.PackCurrent"'
     text = config.read_text()
