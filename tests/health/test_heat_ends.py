@@ -65,6 +65,9 @@ def heat_of(case: Case, seeds: range) -> list[list[tuple[int, int]]]:
         ("one cell", "liquid", 100.0, "urban"),
         ("one sensor", "liquid", 30.0, "urban"),
         ("two sensors", "small", 3.0, "rest"),
+        ("three sensors", "forced", 3.0, "us06"),
+        ("three sensors", "liquid", 3.0, "rest"),
+        ("three sensors", "liquid", 10.0, "us06"),
     ],
 )
 def test_an_alarm_stays_while_the_cell_heats(layout: str, pack: str, watts: float, drive: str) -> None:

@@ -5,8 +5,8 @@ import pytest
 from scipy.linalg import expm
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.balances import Balances, even
-from bms_gateway.health.heat.filter import FALL
+from bms_gateway.health.heat.balances import Around, Balances, Unknown, coupling, even
+from bms_gateway.health.heat.filter import FALL, HeatFilter
 from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.health.heat.reading_times import weights
 from tests.benchmarks.heat_case import CELLS, PACKS, SENSORS, Case, model
@@ -84,6 +84,26 @@ def test_a_mean_reading_is_expected_for_when_it_was_read(late: int, every: int) 
         y[k, 0] = read[ticks + k + 1 - late]
     w = weights(y, np.full(y.shape, float(late)), 1.0, ticks)
     np.testing.assert_allclose((w[0] * read.T).sum(axis=1), np.nanmean(y[:, 0], axis=0), atol=1e-9)
+
+
+def test_coolant_that_warms_more_along_the_string_does_what_less_of_it_does() -> None:
+    """The film keeps its conductance: the coolant before each cell is warmer by the given share of its warming."""
+    w, dt, inlet = 1e-4, 1.0, 25.0
+    T = np.random.default_rng(5).uniform(30.0, 45.0, 2 * CELLS)
+    x = np.concatenate((T, np.zeros(CELLS), [inlet, 0.0]))
+    A, more = exact(), exact()
+    coolant = inlet
+    for k in range(CELLS):
+        more[2 * k + 1, 3 * CELLS] += w * (coolant - inlet) / inlet / LIQUID["R_u"] / LIQUID["C_s"]
+        coolant += (T[2 * k + 1] - coolant) / (LIQUID["R_u"] * LIQUID["C_f"])
+    by_stream = (expm(more * dt) @ x - expm(A * dt) @ x)[: 2 * CELLS] / w
+    f = HeatFilter([model("liquid")], dt, 1)
+    b, at, z, q = f.balances, f.at, np.zeros((1, f.at.states)), np.zeros((1, CELLS))
+    z[0, : 2 * CELLS] = T
+    around = Around.of(b, T[None, 1::2], np.array([inlet]))
+    by = Unknown.of(b, at, z, q, around, np.zeros(1), np.full(1, np.nan))
+    X, _ = coupling(b.end, at, z, by, np.zeros((1, 2 * CELLS)))
+    np.testing.assert_allclose(X[0, :, at.stream - at.nodes], by_stream, rtol=1e-6, atol=1e-9)
 
 
 def driven(seed: int, seconds: int, tick_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

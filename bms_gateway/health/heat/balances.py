@@ -182,6 +182,26 @@ def _balances(p: StringParameters, dt: float, ticks: int, sensors: Ints) -> dict
 
 
 @dataclass(frozen=True, slots=True)
+class Around:
+    """Coolant at n cells of S strings.
+
+    Attributes
+    ----------
+    gap, warming : ndarray (S, n), K
+        Casing minus coolant, and coolant minus inlet.
+    """
+
+    gap: Floats
+    warming: Floats
+
+    @classmethod
+    def of(cls, b: Balances, casings: Floats, inlet: Floats) -> "Around":
+        """Compute it from the casings (S, n) and the inlet (S,), °C."""
+        coolant = b.coolant(casings, inlet)
+        return cls(casings - coolant, coolant - inlet[:, None])
+
+
+@dataclass(frozen=True, slots=True)
 class Unknown:
     """Heats through which the unknown numbers act in one step of S strings of n cells.
 
@@ -195,6 +215,8 @@ class Unknown:
         Derivatives of `lost` by the lost share of all films, and by the cell's own.
     entropy : ndarray (S, n), A K
         Heat per entropic coefficient.
+    stream : ndarray (S, n), W
+        Heat that the casings keep if the coolant's warming along the string doubles.
     """
 
     heat: Floats
@@ -202,9 +224,12 @@ class Unknown:
     film: Floats
     own_film: Floats
     entropy: Floats
+    stream: Floats
 
     @classmethod
-    def of(cls, b: Balances, at: Layout, z: Floats, q: Floats, gap: Floats, current: Floats, film: Floats) -> "Unknown":
+    def of(
+        cls, b: Balances, at: Layout, z: Floats, q: Floats, around: Around, current: Floats, film: Floats
+    ) -> "Unknown":
         """Compute them from the numbers.
 
         Parameters
@@ -214,8 +239,8 @@ class Unknown:
         z : ndarray (S, N)
         q : ndarray (S, n), W
             Mean heat by the current.
-        gap : ndarray (S, n), K
-            Casing minus coolant, mean of the step, with the identified films.
+        around : Around
+            Mean of the step, with the identified films.
         current : ndarray (S,), A
             Mean; 0 if unknown.
         film : ndarray (S,)
@@ -232,11 +257,12 @@ class Unknown:
         # the heat that a film keeps already widens the gap within the step
         k = np.arange(at.cells)
         per_gap = 1.0 / (b.R_u - share * b.mean.casing[:, k, k])
-        flux = gap * per_gap
+        flux = around.gap * per_gap
         warm = z[:, 0 : at.nodes : 2] + KELVIN
         by_share = flux * b.R_u * per_gap
         by_film, own_film = by_share * np.where(left < 1.0, 1.0 - own, 1.0), by_share * left
-        return cls(q, share * flux, by_film, own_film, -current[:, None] * warm)
+        stream = around.warming * (1.0 - share) / b.R_u
+        return cls(q, share * flux, by_film, own_film, -current[:, None] * warm, stream)
 
 
 def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) -> tuple[Floats, Floats]:
@@ -264,6 +290,7 @@ def coupling(r: Response, at: Layout, z: Floats, by: Unknown, heated: Floats) ->
     X[:, :, at.load - o] = X[:, :, at.brisk - o] = heated
     X[:, :, at.inlet - o] = r.inlet.sum(axis=-1)
     X[:, :, at.entropy - o] = np.matmul(core, by.entropy[:, :, None])[:, :, 0]
+    X[:, :, at.stream - o] = np.matmul(casing, by.stream[:, :, None])[:, :, 0]
     cells = at.told_of  # (S, n, a)
     X[:, :, at.heat.start - o : at.heat.stop - o] = np.matmul(core, cells)
     X[:, :, at.own_load.start - o : at.own_load.stop - o] = np.matmul(core * by.heat[:, None, :], cells)

@@ -35,6 +35,10 @@ SLOW_S, MUCH = 300.0, 0.8
 growth of R_u above which a minute is enough."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
+STUCK_S, LIVELY, LIVELY_S, MOVES = 240.0, 0.25, 900.0, 1.5
+"""An inlet is frozen, too, if it reads the same for the first time, s, although it moved before in a larger share
+of the steps than the second number. The third number is the time constant of that share, s. A change of the reading is
+a move if it exceeds its least change by the last factor: a coarse reading at the border of two values is not lively."""
 FOUND_STEPS = 60
 """Number of steps after a sleep in which the filter finds the offset of the inlet."""
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
@@ -68,6 +72,10 @@ class Course:
         Number of steps for which the inlet has read the same, and for which it still counts as doubtful after a jump.
     frozen_at : ndarray (S,), K
         Offset of the inlet when it last moved.
+    finest, lively : ndarray (S,), K, 1
+        Least step of the inlet's reading so far, and the share of steps in which the reading moved.
+    stuck : ndarray of bool (S,)
+        A lively inlet reads the same.
     film : ndarray (S,)
         Usual loss of the films' conductance, as a share; NaN before it is known.
     cooling : ndarray of bool (S,)
@@ -96,6 +104,9 @@ class Course:
     frozen: Ints
     leapt: Ints
     frozen_at: Floats
+    finest: Floats
+    lively: Floats
+    stuck: Bools
     film: Floats
     cooling: Bools
     inlet: Floats
@@ -118,6 +129,9 @@ class Course:
             frozen=np.zeros(S, np.int64),
             leapt=np.zeros(S, np.int64),
             frozen_at=np.zeros(S),
+            finest=np.full(S, np.inf),
+            lively=np.zeros(S),
+            stuck=np.zeros(S, np.bool_),
             film=np.full(S, np.nan),
             cooling=np.zeros(S, np.bool_),
             inlet=np.full(S, np.nan),
@@ -181,6 +195,16 @@ class Course:
         self.load = self.load * exp(-slept_s / 600.0)
         self.warmed = self.warmed * exp(-slept_s / 120.0)
 
+    def hear(self, inlet: Floats, read: Bools, dt: float) -> None:
+        """Note the inlet (S,), °C, of a step of `dt` seconds, and for which strings (S,) its sensor was read in it."""
+        step = np.where(read, np.abs(inlet - self.inlet), np.nan)
+        self.finest = np.where(step > 0.0, np.minimum(self.finest, step), self.finest)
+        moves = step > MOVES * self.finest
+        share = self.lively + (moves - self.lively) * min(1.0, dt / LIVELY_S)
+        self.lively = np.where(np.isfinite(step), share, self.lively)
+        same = (self.frozen * dt >= STUCK_S) & (step == 0.0) & ~self.constant_inlet
+        self.stuck = np.asarray(same & (self.stuck | (self.lively > LIVELY)), dtype=np.bool_)
+
     def take(self, f: HeatFilter, heat: Floats, inlet: Floats, heard: Bools) -> Bools:
         """Note a step with heat by the current (S, n), W, and inlet (S,), °C; return which strings must be judged."""
         at, dt = f.at, f.dt
@@ -203,7 +227,7 @@ class Course:
         absent = self.warms & missing(made, np.sqrt(made_var))
         slower = (grown > COOLING) & (film - self.film > FLOW_SURE * film_sd)
         frozen = (self.frozen * dt >= FROZEN_S) & ~self.constant_inlet & (np.abs(off - self.frozen_at) > FROZEN_K)
-        return np.asarray(absent | slower | frozen, dtype=np.bool_)
+        return np.asarray(absent | slower | frozen | self.stuck, dtype=np.bool_)
 
 
 def missing(share: Floats | float, sd: Floats | float) -> Bools:

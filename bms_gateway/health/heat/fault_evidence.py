@@ -53,6 +53,7 @@ class Kind(IntEnum):
     FLOW = 5
     INLET = 6
     LOAD = 7
+    STREAM = 8
 
 
 SIZE = {
@@ -63,6 +64,7 @@ SIZE = {
     Kind.FLOW: 0.5,  # share of the film's conductance lost
     Kind.INLET: 3.0,  # K
     Kind.LOAD: 0.7,  # share of the heat
+    Kind.STREAM: 0.4,  # share of the coolant's warming along the string
 }
 """Prior sd of the amplitudes."""
 LATE_S = 90.0
@@ -75,7 +77,7 @@ SLOPE_S = 600.0
 ONE_FAULT_S = 1800.0
 """Time for which the likeliest heat or drift counts as one fault, and not as a defect of the model; and time after a
 start in which no fault counts."""
-MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
+MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5, Kind.STREAM: 1.0}
 """Limits of the amplitudes. A reading that changes by more kelvin in an hour is a cell that heats or a defect of the
 model, no drift. Cells that seem to make so much more heat than the current are cooled less."""
 
@@ -112,9 +114,9 @@ class Evidence:
         at = of.at
         m, a, S = at.sensed, at.near, at.strings
         sensor_kinds = (Kind.JUMP, Kind.SLOPE, Kind.LOOSE, Kind.LAG)
-        common = {Kind.FLOW: at.flow, Kind.INLET: at.inlet, Kind.LOAD: at.load}
+        common = {Kind.FLOW: at.flow, Kind.INLET: at.inlet, Kind.LOAD: at.load, Kind.STREAM: at.stream}
         self.kinds = np.array([*[Kind.HEAT] * a, *(k for k in sensor_kinds for _ in range(m)), *common], np.int64)
-        self.place = np.array([*range(a), *(j for _ in sensor_kinds for j in range(m)), 0, 0, 0], np.int64)
+        self.place = np.array([*range(a), *(j for _ in sensor_kinds for j in range(m)), *[0] * len(common)], np.int64)
         H = len(self.kinds)
         self._first = np.zeros((at.states, H))
         self._first[np.arange(at.heat.start, at.heat.stop), np.arange(a)] = 1.0
@@ -128,6 +130,7 @@ class Evidence:
         real[:, :a] = at.seen
         for j in range(4):
             real[:, a + j * m : a + (j + 1) * m] = at.fitted
+        real[:, self.kinds == Kind.STREAM] = ~of.usual.alone[:, None]
         self._real = real[:, None, :]
         most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
         least = np.where(self.kinds == Kind.SLOPE, -most, -np.inf)
@@ -223,13 +226,15 @@ class Evidence:
         old = (ages[:, 0] > OLDEST) & (read >= OLDEST_READ)
         return np.asarray(order[row, np.where(old, 0, ratios.argmin(axis=1) + 1)], np.int64)
 
-    def weigh(self) -> Weighed:
-        """Compute the evidence of all faults."""
+    def weigh(self, metered: Bools | None = None) -> Weighed:
+        """Compute the evidence of all faults; in `metered` strings (S,), the flow is measured: no step is unseen."""
         prec = self._C + 1.0 / self._size2
         amplitude = self._D / prec
         ln = 0.5 * self._D * amplitude - 0.5 * np.log(1.0 + self._size2 * self._C)
         least, most = self._range
         ln = np.where(self._real & (amplitude > least) & (amplitude < most), ln, -np.inf)
+        if metered is not None:
+            ln[np.ix_(metered, np.arange(ONSETS), self.kinds == Kind.STREAM)] = -np.inf
         best = ln.max(axis=1, keepdims=True)
         likely = best > np.maximum(best.max(axis=2, keepdims=True) - NEAR_LN, LIKELY_LN)
         self._dear = np.asarray(((ln == best) & likely).any(axis=2), np.bool_)
@@ -254,7 +259,7 @@ class Evidence:
         return np.asarray(self._s[s, :, onset, fault], dtype=np.float64)
 
     def before(self, s: int, onset: int) -> Floats:
-        """States common to all cells (5,) of string `s` before an onset."""
+        """States common to all cells (6,) of string `s` before an onset."""
         return np.asarray(self._before[s, onset], dtype=np.float64)
 
     def ages(self, s: int) -> Floats:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Balances, Response, Unknown, coupling, even
+from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Around, Balances, Response, Unknown, coupling, even
 from bms_gateway.health.heat.layout import COMMON, Bools, Ints, Layout
 from bms_gateway.health.heat.usual import HOUR_S, INLET_S, Usual
 from bms_gateway.thermal import Floats, Start, StringModel, StringParameters, start_spread
@@ -156,7 +156,7 @@ class HeatFilter:
         Coolant flow, over nominal.
     calm : ndarray of bool (S,)
         The current made no heat in the last step.
-    before : ndarray (S, 5)
+    before : ndarray (S, 6)
         States that are common to all cells, before the last step.
     plain : ndarray of bool (S,)
         The model has no effects.
@@ -274,8 +274,8 @@ class HeatFilter:
         heated_at = heated[:, row, 2 * at.sensors + 1].transpose(1, 2, 0)
         heated_both = np.concatenate((heated[-1], (heated_at * when).sum(axis=2)), axis=1)
         casings = b.mean.free(z[:, :N], m.inlet0, m.inlet1) + np.tensordot(even(b.ticks), heated[:, :, 1::2], 1)
-        gap = casings - b.coolant(casings, (m.inlet0 + m.inlet1) / 2.0 + self._coolant.off)
-        by = Unknown.of(b, at, z, q, gap, m.current, self.film)
+        around = Around.of(b, casings, (m.inlet0 + m.inlet1) / 2.0 + self._coolant.off)
+        by = Unknown.of(b, at, z, q, around, m.current, self.film)
         X, moved = coupling(both, at, z, by, heated_both)
         T = both.free(z[:, :N], m.inlet0, m.inlet1) + heated_both + moved
         z1, mean = np.concatenate((T[:, :N], z[:, N:] * self.decay), axis=1), T[:, N:]
@@ -303,7 +303,7 @@ class HeatFilter:
         # Without current, films show only by a gap that the coolant has made. Without such a gap the readings do not
         # contain their values, and a gap from the heat of one cell does not show how large that heat is: the films
         # would absorb a part of it.
-        still = np.flatnonzero(self.calm & ((np.abs(gap) < STILL_K).all(axis=1) | self.open.any(axis=1)))
+        still = np.flatnonzero(self.calm & ((np.abs(around.gap) < STILL_K).all(axis=1) | self.open.any(axis=1)))
         K[still, at.flow] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
         most = np.where(self.usual.alone & self.calm, STOPPED, MOST_LOSS)

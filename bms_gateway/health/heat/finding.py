@@ -23,6 +23,8 @@ class Finding:
         W, sum over all cells in which it may be; NaN for other faults than heat.
     warmest : float
         K, the greatest gap between the cell's surface and the coolant since heat was found.
+    still_s : float
+        s for which a frozen inlet has read the same; 0 for other faults.
     sure : float
         Probability of this cause when the finding was reported.
     """
@@ -41,4 +43,5 @@ class Finding:
     low_ns: int | None = None
     size: float = 0.0
     warmest: float = 0.0
+    still_s: float = 0.0
     sure: float = 1.0

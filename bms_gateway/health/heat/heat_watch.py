@@ -283,6 +283,7 @@ class HeatWatch:
         ages = np.stack([t.age for t in self._ticked])[sensors]
         (y, R), (heat, current, unknown) = self._sensors.take(read), self._heats()
         when = weights(read, ages, self._grid.tick_s, len(self._grid.merged))
+        read_inlet = np.asarray(np.isfinite([t.inlet for t in self._ticked]).any(axis=0), np.bool_)
         self._ticked = []
         for place, share in enumerate(self._shares):
             y[place] -= (when[place] * share.course(len(self._grid.merged)).T[f.at.sensors[place]]).sum(axis=1)
@@ -317,6 +318,7 @@ class HeatWatch:
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
         heard = f.running & ~unknown
         aside = np.stack([v.aside for v in self.verdicts])
+        self.course.hear(inlet1, read_inlet, f.dt)
         self.course.compare(f, f.at.fitted & ~aside, np.stack([v.jumped for v in self.verdicts]))
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         used = np.isfinite(use)
@@ -329,7 +331,7 @@ class HeatWatch:
             self._beside(x, y, R)
         self.evidence.take(x, read=bool(usable.any()))
         self._age += f.dt
-        w = self.evidence.weigh()
+        w = self.evidence.weigh(None if flow is None else np.isfinite(flow))
         found = self._look(w, heat.mean(axis=0), inlet1, heard, usable, now_ns)
         self.told = self._tell(w)
         quiet = heard & (self._age >= SETTLE_S) & np.array([not (v.suspects or v.findings) for v in self.verdicts])
@@ -492,7 +494,7 @@ class HeatWatch:
             self._sensors.restore(state["readings"])
         nothing = [None] * len(self.verdicts)  # states of older versions have none
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
-            if rest is not None and not self._shares:
-                self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)
+            if rest is not None and not self._shares and (told := kept.take_rest(self.filter, v.s, rest)) is not None:
+                self._age[v.s], self._inlet[v.s] = told
                 self._rest.go_on(v.s)
             kept.take_found(v, found or (), self._now_ns)

@@ -43,6 +43,9 @@ def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
     at = f.at
     z, var = np.array(state["numbers"], np.float64), np.array(state["variances"], np.float64)
     shape = at.strings, at.states - at.nodes
+    if z.shape == var.shape == (shape[0], shape[1] - 1):  # states of older versions have no stream
+        w = at.stream - at.nodes
+        z, var = np.insert(z, w, 0.0, axis=1), np.insert(var, w, np.square(f.usual.sd[:, at.stream]), axis=1)
     if z.shape != shape or var.shape != shape or not (np.isfinite(z).all() and np.isfinite(var).all()):
         raise ValueError("heat: not of these strings")
     told_at = np.array(state.get("told_at", f.told_at), np.float64)  # states of older versions have none; None is NaN
@@ -66,8 +69,10 @@ def at_rest(f: HeatFilter, s: int, age_s: float, inlet: float) -> dict[str, Any]
     }
 
 
-def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, float]:
+def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, float] | None:
     """Restore the state of a string at rest; return its running time, s, and its inlet, °C.
+
+    None: the state is of an older version, without the stream; the string starts anew.
 
     Raises
     ------
@@ -77,6 +82,8 @@ def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, f
     at, N = f.at, f.at.states
     T = np.array(state["temperatures"], np.float64)
     triangle: Floats = np.frombuffer(b64decode(state["covariance"], validate=True), "<f4").astype(np.float64)
+    if len(triangle) == (N - 1) * N // 2:
+        return None
     age, inlet = float(state["age_s"]), float("nan") if state["inlet"] is None else float(state["inlet"])
     if T.shape != (at.nodes,) or len(triangle) != N * (N + 1) // 2 or not np.isfinite([*T, *triangle, age]).all():
         raise ValueError("heat: not of this string at rest")

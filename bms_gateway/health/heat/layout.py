@@ -1,12 +1,13 @@
 r"""States of the heat filter for a string of n cells with m thermocouples, and their order.
 
 .. math::
-    z = [T_{c1}, T_{s1}, \dots, T_{sn} \,|\, a, u, b_f, \varepsilon, a' \,|\, b_1 \dots b_m \,|\,
+    z = [T_{c1}, T_{s1}, \dots, T_{sn} \,|\, a, u, b_f, \varepsilon, a', w \,|\, b_1 \dots b_m \,|\,
          p_1 \dots \,|\, a_1 \dots \,|\, u_1 \dots]
 
-Five states are common to all cells: a and a' are the shares by which the heat exceeds that of the current, over hours
+Six states are common to all cells: a and a' are the shares by which the heat exceeds that of the current, over hours
 and over minutes; u is the lost share of the films' conductance; b_f [K] is the offset of the inlet's sensor; ε [V/K] is
-the entropic coefficient. b_j [K] is the offset of a thermocouple. The last three blocks belong to the observed cells,
+the entropic coefficient; w is the share by which the coolant warms more along the string, as it does when less of
+it flows. b_j [K] is the offset of a thermocouple. The last three blocks belong to the observed cells,
 which are those with a thermocouple and their neighbours: unexplained heat p [W], and the cell's own factors on heat and
 R_u. The common states are well known from all sensors together. Heat of a single cell can therefore be told from them.
 """
@@ -22,7 +23,7 @@ from bms_gateway.thermal import Floats, StringModel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-COMMON = 5  # a, u, b_f, ε, a'
+COMMON = 6  # a, u, b_f, ε, a', w
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,11 @@ class Layout:
     def brisk(self) -> int:
         """Place of a'."""
         return self.nodes + 4
+
+    @cached_property
+    def stream(self) -> int:
+        """Place of w."""
+        return self.nodes + 5
 
     @cached_property
     def common(self) -> slice:

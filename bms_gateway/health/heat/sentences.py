@@ -56,6 +56,11 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         return (
             f"heat leaves all cells less well (R_u {100 * f.size:+.0f} %){else_}: check fan or pump, filter and ducts"
         )
+    if f.still_s:
+        return (
+            f"the coolant inlet has read exactly the same for {f.still_s / 60.0:.0f} min, and before it moved all the "
+            f"time{else_}: its sensor is frozen, check it"
+        )
     if f.code == "inlet":
         return (
             f"the coolant inlet reads {-f.size:+.1f} K off what the cells feel{else_}: its sensor is frozen or wrong, "
@@ -79,7 +84,12 @@ def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str
         elif k < Kind.FLOW:
             name = f"thermocouple {at.sensors[s, place] + 1}"
         else:
-            name = {Kind.FLOW: "cooling", Kind.INLET: "the coolant inlet", Kind.LOAD: "the current"}[Kind(k)]
+            name = {
+                Kind.FLOW: "cooling",
+                Kind.INLET: "the coolant inlet",
+                Kind.LOAD: "the current",
+                Kind.STREAM: "the flow",
+            }[Kind(k)]
         found[name] = found.get(name, 0.0) + float(share[j])
     return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
 

@@ -18,6 +18,9 @@ FLOW_SD, FLOW_S = 0.30, 3600.0
 """Share of the films' conductance: changes of a flow that is not on the bus."""
 INLET_SD, INLET_S = 1.0, 1800.0
 """K: the inlet's sensor against the coolant that reaches the first cell."""
+STREAM_SD, STREAM_ALONE_SD, STREAM_S = 0.05, 0.01, 1800.0
+"""Share of the coolant's warming along the string: changes of a flow that is not on the bus. The second number holds
+for strings with fewer than `REFERENCE` sensors, which do not show it."""
 ENTROPY_SD, ENTROPY_S = 2e-4, 1800.0
 """V/K: the entropic coefficient, which changes with the charge."""
 BIAS_SD = 0.3
@@ -68,11 +71,12 @@ class Usual:
         beside_sd = np.array([m.priors["R_cc"].rel_sd if m.has_conduction else 0.0 for m in models])
         alone = np.array([len(m.sensors) < REFERENCE for m in models])
         sd[:, at.brisk] = np.where(alone, BRISK_ALONE_SD, BRISK_SD)
+        sd[:, at.stream] = np.where(alone, STREAM_ALONE_SD, STREAM_SD)
         sd[:, at.bias] = BIAS_SD
         sd[:, at.heat] = HEAT_RATE * C
         sd[:, at.own_load] = sd[:, at.own_flow] = OWN_SD
         lasts = np.full(at.states, np.inf)
         lasts[at.load], lasts[at.flow], lasts[at.inlet], lasts[at.entropy] = LOAD_S, FLOW_S, INLET_S, ENTROPY_S
-        lasts[at.brisk] = BRISK_S
+        lasts[at.brisk], lasts[at.stream] = BRISK_S, STREAM_S
         lasts[at.heat], lasts[at.own_load], lasts[at.own_flow] = HEAT_S, OWN_S, OWN_S
         return cls(sd, lasts[at.nodes :], C, np.maximum(LEAST_GAP_SD, np.array(known)), beside_sd, alone)

@@ -24,9 +24,10 @@ from bms_gateway.health.heat.course import (
     missing,
 )
 from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
-from bms_gateway.health.heat.few_thermocouples import cooled, hold_films
+from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.proven import known, may_be_else, may_be_heat, proven, watched
 from bms_gateway.health.heat.sentences import others, sentence
@@ -35,7 +36,7 @@ from bms_gateway.thermal import Floats
 
 SURE = 12.0
 """Least ln evidence at which heat is accepted: about 5 sd, because each step tests a few dozen faults and onsets."""
-ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
+ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 7.0, Kind.STREAM: 9.0}
 """The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
 ALONE, ALONE_HEAT = 0.95, 0.998
 """Least probability of a cause that is reported at once. It is higher for heat, because a thermocouple that comes off
@@ -49,12 +50,12 @@ LAG_LN, LAG_TOLD_S = 6.0, 240.0
 """The same for a thermocouple that came off and heat: heat looks like a lag in its first minutes."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
-"""Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
-USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
+"""Time for which a cause must have been the likeliest before it is reported; the second is for films and inlet."""
+USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.STREAM: 4.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
 """ln prior of a change in a sound pack, compared with that of a fault."""
-LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
-"""Least heat that is a fault: a rate of the cell's heat capacity, K/s, and a share of the heat by its current. The last
-share holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
+LEAST_SHARE, ALONE_SHARE = 0.1, 3.0
+"""Least heat that is a fault besides `LEAST_RATE`, as a share of the heat by the cell's current. The second number
+holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
 several times its usual heat. Without a measured inlet only heat at rest is a fault, because cooling that is switched
 off looks like heat."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
@@ -65,9 +66,6 @@ INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet'
 MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
-ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
-"""Heat has ended if it is below so many sd for so long, and if one sd is below this share of the found heat; the last
-number replaces the first in strings with few thermocouples."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
@@ -226,7 +224,7 @@ class Verdict:
         waited = waited and not (kind is Kind.HEAT and loaded and self.course.poor[self.s])
         waited = waited and not self._undecided(E, best, onset)
         sure = alone >= (ALONE_HEAT if kind is Kind.HEAT else ALONE)
-        sure = sure and held >= (HOLD_COMMON_S if kind >= Kind.FLOW else HOLD_S)
+        sure = sure and held >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
         if self._early(E, best, onset) or not (sure or waited):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
@@ -298,8 +296,8 @@ class Verdict:
         new.others, new.places = others(self.evidence, s, share, new), tuple(sizes)
         if kind is Kind.FLOW:
             self._flowed_ns = now_ns
-        if kind in (Kind.FLOW, Kind.LOAD):
-            return []  # `_standing` judges the states of heat and films in every step
+        if kind in (Kind.FLOW, Kind.LOAD, Kind.STREAM):
+            return []  # `_standing` judges the states of heat and films in every step; a flow may change
         if kind is Kind.HEAT:
             tells = self._heats(new, sizes)
         else:
@@ -365,17 +363,7 @@ class Verdict:
         """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
-            h = at.heat.start + np.array(g.places)
-            heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
-            chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
-            now, sd = float(heat.sum()), sqrt(max(0.0, float(P.sum())))
-            cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
-            alone = bool(f.usual.alone[s])
-            low = chance and now + (ENDED_SD if alone else 1.0) * sd < ENDED_SHARE * g.size
-            if not alone:
-                low = low or cold
-            elif f.calm[s]:
-                low = cooled(f, s, g, self.gaps) and (low or (cold and now + sd < g.size))
+            low = has_ended(f, s, g, self.gaps)
             seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
             return self._quiet(g, now_ns, low and seen, ENDED_S)
         if g.kind is Kind.JUMP:
@@ -473,7 +461,8 @@ class Verdict:
         off, off_sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
         still = self.course.frozen[s] * f.dt >= FROZEN_S and not self.course.constant_inlet[s]
         moved = abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd)
-        if "inlet" not in codes and still and moved and not self.hot:
+        stuck = bool(self.course.stuck[s])
+        if "inlet" not in codes and (stuck or (still and moved)) and not self.hot:
             new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
         for g in new:
             self.findings.append(g)
@@ -490,9 +479,9 @@ class Verdict:
             g.size = self._grown()
         elif g.kind is Kind.INLET:
             g.size = float(f.z[s, at.inlet])
+            g.still_s = float(self.course.frozen[s] * f.dt) if self.course.stuck[s] else 0.0
         elif g.kind is Kind.LOAD:
             g.size = min(g.size, max(0.0, float(f.made()[0][s])))
         elif g.kind is Kind.HEAT:
-            h = at.heat.start + np.array(g.places)  # a sensor determines their sum better than their place
-            g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
+            g.heat, g.heat_sd = heat_there(f, s, g.place, g.places)
         g.text = sentence(g, at.cells, now_ns)

@@ -1,0 +1,66 @@
+"""When heat of a cell's own has ended.
+
+A thermocouple hardly tells its own cell from the neighbours. The sum of the heat of all cells in which it may be is
+therefore uncertain by many times what the thermocouple shows. What is compared with the heat that was found is the heat
+that would be in its cell if all of it were there.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bms_gateway.health.heat.few_thermocouples import cooled
+from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.finding import Finding
+from bms_gateway.thermal import Floats
+
+LEAST_RATE = 1e-3
+"""K/s of a cell's heat capacity: less heat than this is no fault."""
+ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
+"""Heat has ended if it is below so many sd for so long, and if one sd is below this share of the found heat; the last
+number replaces the first in strings with few thermocouples."""
+
+
+def heat_there(f: HeatFilter, s: int, place: int, places: Sequence[int]) -> tuple[float, float]:
+    """Heat that is left and its sd, W, if all of it is in one observed cell.
+
+    The mean of the heat in `place` given that the other `places` have none: with the information matrix Λ of the heat
+    p in all places, (Λ p)_j / Λ_jj, of variance 1 / Λ_jj.
+
+    Parameters
+    ----------
+    f : HeatFilter
+    s : int
+        String.
+    place : int
+        Number of the observed cell; it is one of `places`.
+    places : sequence of int
+        Observed cells in which the heat may be.
+    """
+    h = f.at.heat.start + np.array(places)
+    information = np.linalg.inv(f.P[s][np.ix_(h, h)])
+    j = list(places).index(place)
+    return float(information[j] @ f.z[s, h] / information[j, j]), float(information[j, j] ** -0.5)
+
+
+def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
+    """Whether the newest step of string `s` shows no heat `g` any more.
+
+    Parameters
+    ----------
+    f, s
+        As above.
+    g : Finding
+        Heat that was found; the greatest gap between surface and coolant is kept in it.
+    gaps : ndarray (m,), K
+        Surfaces over the coolant, at the thermocouples.
+    """
+    now, sd = heat_there(f, s, g.place, g.places)
+    alone = bool(f.usual.alone[s])
+    low = now < ENDED_SD * sd and now + (ENDED_SD if alone else 1.0) * sd < ENDED_SHARE * g.size
+    cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
+    if not alone:
+        return low
+    if f.calm[s]:
+        return cooled(f, s, g, gaps) and (low or (cold and now + sd < g.size))
+    return low
