@@ -20,6 +20,7 @@ from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.records.courses import UNLIKE
 from bms_gateway.setup.capacity_shown import capacity_shown
+from bms_gateway.setup.inlet_told import inlet_told
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
 from bms_gateway.setup.signal_words import numbers, of_liquid
@@ -94,6 +95,7 @@ def write_setup(
         names, more = _dbc(proposal, traffic, out)
         files += more
     notes += [told for told in (left_out(proposal), renumbered(proposal)) if told is not None]
+    notes += inlet_told(proposal)
     proposal.against_cell.clear()
     lumped, resistance = lump(proposal, cell, notes)
     if cell is not None and _unsaid_cooling(proposal, cell):
