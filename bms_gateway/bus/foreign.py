@@ -219,8 +219,8 @@ def _mf4_reader(source: BinaryIO) -> Any:
         reader.stop()
         shown = ", ".join(names[:2])
         raise ValueError(
-            f"{len(names)} decoded signals, as {shown}, and no CAN frames: record the raw bus, or export them as a "
-            "table, which encode takes"
+            f"{len(names)} decoded signals, as {shown}, and no CAN frames: this is a table, no log: encode makes "
+            "frames of it, and compare, fit and diagnose take it as it is"
         )
     return reader
 
