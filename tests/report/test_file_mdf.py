@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.main import main
 from bms_gateway.errors import DataError
 from bms_gateway.records.kind import log_kind
@@ -83,6 +84,13 @@ def test_one_that_is_cut_short_is_told_in_a_line(share: float, tmp_path) -> None
     with pytest.raises(DataError, match=r"cut.mf4: ") as told:
         read_table(path, parse_columns([COLUMNS]))
     assert "\n" not in str(told.value)
+
+
+def test_an_older_mdf_is_told_by_its_version(tmp_path) -> None:
+    path = tmp_path / "old.mf4"
+    path.write_bytes(b"MDF     3.30    " + bytes(300))
+    with pytest.raises(DataError, match=r"old.mf4: not a .mf4 log \(it is MDF 3.30: save it as MF4"):
+        list(read_log(path))
 
 
 def test_encode_takes_it_and_analyze_says_that_it_does(tmp_path, capsys) -> None:
