@@ -205,6 +205,9 @@ def _mf4_reader(source: BinaryIO) -> Any:
     source.seek(0)
     if len(head) < MDF_HEADER or not head.startswith(MDF_STARTS):
         raise EOFError("it has no header of MDF")
+    version = head[8:12].decode("latin-1")
+    if version[:2] in ("2.", "3."):
+        raise ValueError(f"it is MDF {version}: save it as MF4, version 4.00 or later, with the tool that recorded it")
     try:
         reader = can.MF4Reader(source)
     except Exception as error:
@@ -219,8 +222,8 @@ def _mf4_reader(source: BinaryIO) -> Any:
         reader.stop()
         shown = ", ".join(names[:2])
         raise ValueError(
-            f"{len(names)} decoded signals, as {shown}, and no CAN frames: record the raw bus, or export them as a "
-            "table, which encode takes"
+            f"{len(names)} decoded signals, as {shown}, and no CAN frames: this is a table, no log: encode makes "
+            "frames of it, and compare, fit and diagnose take it as it is"
         )
     return reader
 

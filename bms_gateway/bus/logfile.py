@@ -70,6 +70,8 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
         number, text = notes.broken_at[0]
         if text == CUT_SHORT:
             raise DataError(f"{path}: {CUT_SHORT}; nothing before can be read")
+        if "\x00" in text:
+            raise DataError(f"{path}: not a {kind} log but binary data; a capture of a network is none either")
         raise DataError(f"{path}, line {number}: not a {kind} log: {text!r}")
 
 

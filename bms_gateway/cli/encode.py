@@ -38,7 +38,7 @@ columns of TABLE (K is a cell, from 1; blanks are missing values):
 
 def arguments(parser: Parser) -> None:
     """Declare the options."""
-    parser.option("table", metavar="TABLE", help="measurements of one string: CSV or Parquet")
+    parser.option("table", metavar="TABLE", help="measurements of one string: CSV, Parquet or MF4 of decoded signals")
     parser.option("--config", metavar="CONFIG", required=True, help="gateway config: which signals carry what")
     parser.option("--out", metavar="LOG", required=True, help="candump log to write (.log or .log.gz)")
     parser.option("--string", metavar="NAME", help="string that the table belongs to, where the config has several")

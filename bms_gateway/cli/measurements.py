@@ -28,7 +28,7 @@ def add_measurement_arguments(parser: Parser, option: str | None = None) -> None
         **how,
         type=Path,
         metavar="TABLE",
-        help="measurements of one string: CSV or Parquet; with --config also a CAN log. Several: one record each",
+        help="measurements of one string: CSV, Parquet or MF4; with --config also a CAN log. Several: one record each",
     )
     parser.option("--model", type=Path, metavar="M", required=True, help="string model (TOML)")
     parser.option("--config", type=Path, metavar="C", help="gateway config: which signals of a log carry what")

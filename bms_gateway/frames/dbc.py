@@ -343,6 +343,10 @@ def _stated(specifics: "DbcSpecifics", name: str) -> object:
     return None if definition is None else definition.default_value
 
 
+_OF_A_LOG = re.compile(r"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
+"""A line of candump."""
+
+
 def _explain(name: str, text: str, problem: str) -> str:
     """Turn an error of cantools into one line: file, line number, what is wrong, what to do."""
     detail = problem.removeprefix('DBC: "').removesuffix('"')
@@ -369,6 +373,12 @@ def _explain(name: str, text: str, problem: str) -> str:
         n = _signal_line(lines, outside[2], outside[1])
         return f"{name}: line {n}: signal {outside[1]} does not fit in message {outside[2]}; correct its bits"
     syntax = re.search(r"Invalid syntax at line (\d+), column (\d+)", detail)
+    if syntax and not text.strip():
+        return f"{name}: is empty; a DBC is needed"
+    if syntax and text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return f"{name}: is XML, as ARXML, KCD and web pages are, and no DBC; export the database as DBC"
+    if syntax and lines and _OF_A_LOG.match(lines[0]):
+        return f"{name}: is a candump log and no DBC; name the vehicle's DBC"
     if syntax:
         n = int(syntax[1])
         shown = lines[n - 1].strip()[:60] if n <= len(lines) else ""

@@ -8,6 +8,7 @@ from bms_gateway.bus.candump import LATEST_S
 from bms_gateway.bus.logfile import FORMATS
 from bms_gateway.bus.sniff import HEAD, kind_of
 from bms_gateway.errors import DataError
+from bms_gateway.report.file_mdf import holds_signals
 from bms_gateway.report.table import Table
 
 LONGEST_S = 10 * 86_400  # longest bench run; a longer time must be in another unit
@@ -19,9 +20,19 @@ COLDEST_K, HOTTEST_K = 230.0, 400.0  # possible temperatures of a cell in K; the
 
 
 def log_kind(path: Path) -> str | None:
-    """Find the kind of log of a file by its name, otherwise by its first bytes; None if it is no log."""
+    """Find the kind of log of a file by its name, otherwise by its first bytes; None if it is no log.
+
+    An MF4 file of decoded signals is none.
+
+    Raises
+    ------
+    MissingExtraError
+        An MF4 file without asammdf.
+    """
     suffixes = [s for s in Path(path.name.lower()).suffixes if s != ".gz"]
     kind: str | None = suffixes[-1] if suffixes else ""
+    if kind == ".mf4" and path.is_file() and holds_signals(path):
+        return None
     if kind == ".csv" or kind not in FORMATS:
         kind = None if path.suffix.lower() == ".gz" else _content(path)
     return kind

@@ -19,6 +19,7 @@ from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.columns import INLET, Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
+from bms_gateway.report.file_mdf import open_mdf
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.guess import lookalike
 from bms_gateway.report.progress import progress
@@ -127,7 +128,7 @@ def read_table(
     Parameters
     ----------
     path : Path
-        `.parquet`, or CSV (separated by comma, semicolon or tab; also `.gz`).
+        `.parquet`, CSV (separated by comma, semicolon or tab; also `.gz`), or `.mf4` of decoded signals.
     columns : mapping, optional
         From `parse_columns`: the file's own names.
     tell : callable, optional
@@ -142,7 +143,7 @@ def read_table(
     DataError
         Missing file or column, broken number, time that does not increase; with the line.
     MissingExtraError
-        Parquet without pyarrow.
+        Parquet without pyarrow, MF4 without asammdf.
     """
     with open_table(path) as rows:
         return _read(path, columns or {}, rows, tell, most, needed)
@@ -150,22 +151,24 @@ def read_table(
 
 @contextmanager
 def open_table(path: Path) -> Iterator[Rows]:
-    """Open a table, CSV or Parquet.
+    """Open a table: CSV, Parquet or MF4 of decoded signals.
 
     Raises
     ------
     DataError
         The file does not exist, is no table, or is damaged.
     MissingExtraError
-        Parquet without pyarrow.
+        Parquet without pyarrow, MF4 without asammdf.
     """
-    parquet = path.suffix.lower() in (".parquet", ".pq")
+    endings = [s.lower() for s in path.suffixes]
+    kind = next((s for s in reversed(endings) if s != ".gz"), "")
+    open_it = open_parquet if endings[-1:] in ([".parquet"], [".pq"]) else open_mdf if kind == ".mf4" else open_csv
     try:
         if path.is_dir():
             raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
         if path.exists() and not path.is_file():  # reading a pipe without a writer would never end
             raise DataError(f"{path}: is no plain file; expected a table, CSV or Parquet")
-        with open_parquet(path) if parquet else open_csv(path) as rows:
+        with open_it(path) as rows:
             yield rows
     except FileNotFoundError:
         raise DataError(f"{path}: no such file{_nearest(path)}") from None

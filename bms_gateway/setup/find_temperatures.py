@@ -30,6 +30,7 @@ from bms_gateway.setup.signal_words import (
     unit_of,
 )  # fmt: skip
 
+SURROUNDINGS: Final = "the temperature of the surroundings"
 LIVES_C: Final = (-40.0, 95.0)
 USUAL_C: Final = (-30.0, 70.0)
 FINE_K: Final = 0.1
@@ -400,7 +401,7 @@ def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
         score = (3.0 if liquid or of_pack else 1.5) * coolant + 1.0 * ambient + 1.5 * has(mine, INWARD)
         score += 1.0 * of_pack - (2.0 if coolant else 0.5) * has(its, OTHER_THINGS) + 1.0 * (unit is not None)
         score -= 3.0 * has(mine, tuple(w for w in NOT_MEASURED if w not in STATISTIC))
-        what = "named as the coolant" if coolant else "the temperature of the surroundings"
+        what = "named as the coolant" if coolant else SURROUNDINGS
         why = [f"unit {s.info.unit}" if unit else "no unit", what, *([told] if told else [])]
         found.append(Scored(s, factor, shift, float(score), why, unit))
     return sorted(found, key=lambda c: -c.score)

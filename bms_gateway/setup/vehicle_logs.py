@@ -107,6 +107,12 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
     ids, counts = np.unique(frames.can_id, return_counts=True)
     seen = dict(zip(ids.tolist(), counts.tolist(), strict=True))
     chosen, once = _among(messages, seen, remarks)
+    remarks += [
+        f"{m.database}: {m.name}.{s.name} has a scale of zero, so that it always says {s.offset:g}: correct the DBC"
+        for m in chosen.values()
+        for s in m.signals.values()
+        if s.scale == 0.0
+    ][:MOST_SCALES]
     sound &= once
     as_told = {m.can_id for m in messages}
     strict = sound and all(m.can_id in as_told for m in chosen.values())
@@ -159,6 +165,10 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
             remarks.append(f"only the first {total} frames were looked at")
             break
     return FrameBatch.concat(parts)
+
+
+MOST_SCALES: Final = 5
+"""Scales of zero that are told."""
 
 
 def _useless(traffic: Traffic) -> str | None:

@@ -20,9 +20,11 @@ from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.records.courses import UNLIKE
 from bms_gateway.setup.capacity_shown import capacity_shown
+from bms_gateway.setup.inlet_told import inlet_told
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
 from bms_gateway.setup.signal_words import numbers, of_liquid
+from bms_gateway.setup.thermal_time import time_contradiction
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
@@ -96,6 +98,7 @@ def write_setup(
         names, more = _dbc(proposal, traffic, out)
         files += more
     notes += [told for told in (left_out(proposal), renumbered(proposal)) if told is not None]
+    notes += inlet_told(proposal)
     proposal.against_cell.clear()
     lumped, resistance = lump(proposal, cell, notes)
     if cell is not None and _unsaid_cooling(proposal, cell):
@@ -109,6 +112,8 @@ def write_setup(
             model = _model(proposal, string, cells, lumped, cell is not None, resistance)
             write_model(model, path, _heading(lumped, cell is not None, resistance))
             files.append(path)
+            if cell is not None and (told := time_contradiction(proposal, string, model, cell.name)) is not None:
+                notes.append(told)
         config = out / "gateway.toml"
         with whole_text(config) as file:
             file.write(_config(proposal, names, list(logs)))

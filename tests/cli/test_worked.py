@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def test_the_commands_of_readme_lead_to_cores(tmp_path, monkeypatch, capsys) -> 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deploy").symlink_to(ROOT / "deploy")
     told = commands()
-    assert [words[0] for words in told] == ["init", "check", "analyze"]
+    assert [words[0] for words in told] == ["init", "check", "analyze", "diagnose"]
     for words in told:
         more = ["--json", "init.json"] if words[0] == "init" else []
         assert main([*words, *more]) == 0
@@ -42,3 +43,13 @@ def test_the_commands_of_readme_lead_to_cores(tmp_path, monkeypatch, capsys) -> 
         assert float(row["core_C"]) == pytest.approx(40.0, abs=6.0)
         assert float(row["core_C"]) > float(row["surface_C"]) + 3.0
         assert float(row["core_sd_K"]) < 4.0
+
+
+def test_each_step_of_the_ten_minutes_has_its_command_line() -> None:
+    """A step is a numbered line of README's road; what is carried out stands in a block of its own."""
+    text = (ROOT / "README.md").read_text()
+    road = text[text.index("## With your own vehicle") : text.index("## Commands")]
+    steps = re.split(r"^\d+\. ", road, flags=re.MULTILINE)[1:]
+    assert len(steps) >= 5
+    for step in steps:
+        assert re.search(r"^ +```sh\n(?: +.*\n)* +bms-gateway \w+ ", step, re.MULTILINE), step.splitlines()[0]

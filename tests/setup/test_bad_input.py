@@ -6,7 +6,7 @@ import os
 import pytest
 
 from bms_gateway.cli.main import main
-from tests.setup.vehicles import VEHICLES, write
+from tests.setup.vehicles import VEHICLES, german, write
 
 DBC = 'VERSION ""\nBU_: B\nBO_ 256 A: 8 B\n SG_ Speed : 0|16@1+ (0.1,0) [0|0] "rpm" B\n'
 
@@ -87,3 +87,16 @@ def test_a_name_with_odd_letters_survives_in_the_config(tmp_path) -> None:
     out = tmp_path / "deep" / "er"
     assert main(["init", str(log), "--dbc", str(odd), "--out", str(out)]) == 0
     assert main(["check", str(out / "gateway.toml"), "--log", str(log)]) == 0
+
+
+def test_a_scale_of_zero_is_told(tmp_path, capsys) -> None:
+    """The current is lost by it; the note says why."""
+    vehicle = german()
+    log, dbc = write(vehicle, tmp_path)
+    text = dbc.read_text()
+    assert "HVB_Strom_Ist : 7|16@0+ (0.1," in text
+    dbc.write_text(text.replace("HVB_Strom_Ist : 7|16@0+ (0.1,", "HVB_Strom_Ist : 7|16@0+ (0,"))
+    assert main(["init", str(log), "--dbc", str(dbc), "--out", str(tmp_path / "v"), "--yes"]) == 1
+    told = [line for line in capsys.readouterr().err.splitlines() if "scale of zero" in line]
+    assert len(told) == 1
+    assert "HVB_Status1.HVB_Strom_Ist" in told[0]

@@ -7,7 +7,7 @@ from bms_gateway.config import load_config
 from bms_gateway.setup.resting import REST_S, Surroundings, surroundings
 from tests.setup.parked_vehicle import T, parked
 from tests.setup.proposals import proposed
-from tests.setup.vehicles import write
+from tests.setup.vehicles import Vehicle, drive, write
 
 
 def test_the_lowest_readings_at_rest_are_the_surroundings(tmp_path) -> None:
@@ -38,7 +38,7 @@ def test_a_rest_after_the_drive_is_warmer_than_its_begin(tmp_path) -> None:
     assert found.value_C == pytest.approx(18.2, abs=0.5)
 
 
-def test_both_are_written_into_the_config(tmp_path) -> None:
+def test_both_are_written_into_the_config(tmp_path, capsys) -> None:
     log, dbc = write(parked(), tmp_path)
     out = tmp_path / "v"
     assert main(["init", str(log), "--dbc", str(dbc), "--cell", "catl_lf280", "--out", str(out), "--yes"]) == 0
@@ -47,6 +47,9 @@ def test_both_are_written_into_the_config(tmp_path) -> None:
         "coolant_inlet = { constant_C = 18.2 }  # (?) the bus has none: the lowest readings of the string at rest"
         in text
     )
+    told = [line for line in capsys.readouterr().err.splitlines() if "coolant_inlet = { constant_C" in line]
+    assert len(told) == 1
+    assert "the lowest readings of the cells at rest stand for it, 18.2 °C with inlet_K = 1.0" in told[0]
     loaded = load_config(out / "gateway.toml")
     assert loaded.config.observer.inlet_K == 1.0
     (inlet,) = (c for c in loaded.plan.strings[0].channels if c.quantity == "coolant_inlet")
@@ -63,3 +66,23 @@ def test_what_no_surroundings_have_is_not_taken_for_theirs(tmp_path) -> None:
     for p in proposal.of("surface"):
         p.series.x[:] = -312.0
     assert surroundings(proposal, 1) == Surroundings(25.0)
+
+
+def test_the_air_outside_is_told_where_it_stands_for_the_coolant(tmp_path, capsys) -> None:
+    """Ambient temperature and no coolant inlet: what is taken, how well it is known, what else to write."""
+    d = drive(2)
+    lines = ['VERSION ""', "BU_: BMS", "BO_ 288 Pack: 8 BMS", ' SG_ PackCurrent : 0|16@1- (0.1,0) [0|0] "A" BMS',
+             ' SG_ PackVoltage : 16|16@1+ (0.1,0) [0|1000] "V" BMS', "BO_ 290 CellTemps: 8 BMS"]  # fmt: skip
+    lines += [f' SG_ CellTemp{k + 1} : {8 * k}|8@1+ (0.5,-40) [0|0] "degC" BMS' for k in range(4)]
+    lines += ["BO_ 291 Climate: 8 BMS", ' SG_ AmbientTemp : 0|8@1+ (0.5,-40) [0|0] "degC" BMS']
+    values = {"Pack.PackCurrent": d.current, "Pack.PackVoltage": d.voltage, "Climate.AmbientTemp": d.inlet}
+    values |= {f"CellTemps.CellTemp{k + 1}": d.surface[:, k] for k in range(4)}
+    vehicle = Vehicle("airy", "\n".join(lines), values, {"CellTemps": 0.2, "Climate": 1.0}, {})
+    log, dbc = write(vehicle, tmp_path)
+    out = tmp_path / "v"
+    assert main(["init", str(log), "--dbc", str(dbc), "--cell", "lg_m50 50p", "--out", str(out), "--yes"]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "no signal is a coolant inlet" in line]
+    assert len(told) == 1
+    for part in ("Climate.AmbientTemp", "18.0 to 20.0 °C, inlet_K = 3.0", "coolant_inlet = { constant_C = 22.0 }"):
+        assert part in told[0]
+    assert load_config(out / "gateway.toml").config.observer.inlet_K == 3.0

@@ -23,14 +23,18 @@ _MODEL = re.compile(
 """A maker's model, as INR21700-50E: letters of chemistry and shape, the format, tenths of Ah, letters of the series."""
 _DENSE = 400.0
 """Ah/l; more than any cell has."""
-_PLAIN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+_SAID: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
-        **{word: ("cooling", word) for word in ("still", "forced", "plate", "liquid")},
-        **{word: ("orientation", word) for word in ("standing", "lying")},
-        **{word: ("resistance_kind", word.lower()) for word in ("dc", "ac")},
-        **{word.lower(): ("chemistry", word) for word in ("LFP", "NMC", "NCA", "LMO", "LCO")},
+        "cooling": ("still", "forced", "plate", "liquid"),
+        "orientation": ("standing", "lying"),
+        "chemistry": ("LFP", "NMC", "NCA", "LMO", "LCO"),
+        "resistance_kind": ("dc", "ac"),
     }
 )
+_PLAIN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+    {word.lower(): (field, word) for field, all_words in _SAID.items() for word in all_words}
+)
+_VALID: Final = "; ".join(f"{field.replace('_kind', '')}: {', '.join(all_words)}" for field, all_words in _SAID.items())
 SHAPES: Final = ("pouch", "prismatic", "cylinder")
 WORDS: Final = (*PUBLISHED, *FORMATS, *SHAPES, *_PLAIN)
 EXAMPLE: Final = "as in '21700 5Ah 69g 25mOhm forced 2p' or 'pouch 290x216x7.1mm 33Ah 787g still'"
@@ -151,7 +155,7 @@ def _told(cell: CellFacts, word: str) -> CellFacts:
     if word.lower() in SHAPES or _plain(word) in {_plain(name) for name in (*PUBLISHED, *FORMATS)}:
         raise UsageError(f"cell: '{cell.name}' and '{word}' are two cells: name one of them")
     if measure is None:
-        raise UsageError(f"cell: '{word}' is not known{did_you_mean(word, WORDS)}; {EXAMPLE}")
+        raise UsageError(f"cell: '{word}' is not known{did_you_mean(word, WORDS)}; valid: {_VALID}; {EXAMPLE}")
     return _measured(cell, word, float(measure[1]), measure[2].lower(), (measure[3] or "").lower())
 
 

@@ -40,6 +40,7 @@ _GZ = gzip.compress(LOG.encode())
 _KCD = '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"></NetworkDefinition>\n'
 _SYM = 'FormatVersion=6.0 // Do not edit this line!\nTitle="vehicle"\n{SEND}\n'
 _PCAP = b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00" + bytes(300)
+_PCAPNG = b"\x0a\x0d\x0d\x0a" + bytes(300)
 _RC = 'R_c  = { value = 1.266, unit = "K/W", rel_sd = 0.6 }'
 
 STRANGERS: tuple[Case, ...] = (
@@ -90,4 +91,29 @@ STRANGERS: tuple[Case, ...] = (
     _model("a list that is too short", "value = 3.5", "values = [3.5, 3.6]", "R_e", "5"),
     _model("no sensors", "sensors = [1, 3, 5]", "sensors = []", "sensors"),
     _model("a capacity of nothing", "capacity_Ah = 8.0", "capacity_Ah = 0.0", "capacity_Ah"),
+    _dbc("nothing", "", "vehicle.dbc", "is empty"),
+    _dbc("a KCD by the name of a DBC", _KCD, "vehicle.dbc", "xml", "export"),
+    _dbc("a log by the name of a DBC", LOG, "vehicle.dbc", "candump log"),
+    _table("numbers of a hex editor", ("0,-2.5", "0,0xFF"), "line 2", "current_a", "0xff"),
+    _table("thousands parted by commas", ("0,-2.5", '0,"1,234.5"'), "line 2", "current_a", "1,234.5"),
+    _table("marks of a merge", ("\n3,", "\n<<<<<<< HEAD\n3,"), "line 5", "1 columns"),
+    _table("a number beyond all floats", ("0,-2.5", "0,1e400"), "line 2", "1e400"),
+    _table("a time that stands", TABLE.replace("\n3,", "\n2,"), "line 5", "stands still"),
+    _file(
+        "log: a capture by the name of a log",
+        ANALYZE.format("n.log"),
+        "n.log",
+        "not a .log log",
+        "binary",
+        n__log=_PCAPNG,
+    ),
+    _file(
+        "log: zstd", ANALYZE.format("q.log.zst"), "q.log.zst", "unpack", q__log__zst=b"\x28\xb5\x2f\xfd" + bytes(300)
+    ),
+    _config("the number of a file for the dbc", 'dbc = ["vehicle.dbc"]', "dbc = 5", "bus.dbc", "list"),
+    _config("an address of 77 bits", "[bus]", "[bus]\nsource_address = 99999999999999999999999", "source_address"),
+    _model("cells as a fraction", "cells = 5", "cells = 5.0", "cells", "integer"),
+    _model("an sd below zero", "rel_sd = 0.6", "rel_sd = -0.6", "rel_sd", "greater than 0"),
+    _model("a value in quotes", "value = 1.266", 'value = "1.266"', "r_c.value", "number"),
+    _model("an endless sd", "rel_sd = 0.6", "rel_sd = inf", "rel_sd", "finite"),
 )
