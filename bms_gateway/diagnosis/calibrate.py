@@ -155,15 +155,17 @@ def identify(
     bench = bench_of(start, ready)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, LAST_DIGITS if start.effects else TO_THE_END)
-    whole = _settled(seen_on(found.map, ready), model)
-    if start.effects and not hopeless and _missed(whole) <= FOLLOWED:
+    of_whole = seen_on(found.map, ready)
+    whole = _settled(of_whole, model) if start.effects else None
+    if whole is not None and not hopeless and _missed(whole) <= FOLLOWED:
         return Identified(whole, fit, found.discrepancy.size)
-    known = learned(start, ready, whole if start.effects else None)
+    known = learned(start, ready, whole)
     if known is None and hopeless:
         known = untaught(start)
     if known is None:
-        return Identified(whole, fit, found.discrepancy.size)
-    believed = keeping(bench, found, known, np.sqrt(np.diag(posterior(whole))) if start.effects else None)
+        numbers = _settled(of_whole, model) if whole is None else whole
+        return Identified(numbers, fit, found.discrepancy.size)
+    believed = keeping(bench, found, known, None if whole is None else np.sqrt(np.diag(posterior(whole))))
     return Identified(_settled(seen_on(believed.map, ready), model), fit, believed.discrepancy.size)
 
 

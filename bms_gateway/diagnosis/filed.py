@@ -44,9 +44,10 @@ def filed_fit(model: StringModel, records: Sequence[Measured], *, model_error: b
         always allowed for.
     """
     exact = as_filed(model)
-    fit = fitted(Problem(exact, records))
-    if not (model_error or structured(fit)):
-        return fit
+    if not model_error:
+        fit = fitted(Problem(exact, records))
+        if not structured(fit):
+            return fit
     bench = bench_of(exact, records)
     problem = Problem(exact, bench.records, bench.beliefs)
     return seen_on(fit_with_error(bench, problem, problem.begin, TO_THE_END).map, records)

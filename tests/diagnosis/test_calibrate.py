@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bms_gateway.diagnosis import calibrate, filed
 from bms_gateway.diagnosis.adding import check_signals, wanted
 from bms_gateway.diagnosis.calibrate import changes, channel_errors, fitted_model, identify, posterior
 from bms_gateway.diagnosis.record import make_record
@@ -78,6 +79,23 @@ def test_the_correlation_is_that_of_the_posterior(fit):
     expected = C[i, j] / np.sqrt(C[i, i] * C[j, j])
     assert R[names.index("R_e"), names.index("R_u")] == pytest.approx(expected, abs=1e-5)
     assert model.priors["R_e"].rel_sd == pytest.approx(np.sqrt(C[i, i]), rel=1e-3)
+
+
+def test_no_fit_is_made_whose_numbers_nobody_sees(records, monkeypatch):
+    seen = []
+
+    def counted(model, ready, *, model_error):
+        seen.append(model_error)
+        return filed.filed_fit(model, ready, model_error=model_error)
+
+    def unasked(_problem):
+        raise AssertionError("a fit without a model error is not asked for where one is allowed for")
+
+    lacking = replace(WIDE, priors={**WIDE.priors, "R_u": Prior(2.0 * WIDE.priors["R_u"].value)})
+    monkeypatch.setattr(filed, "fitted", unasked)
+    monkeypatch.setattr(calibrate, "filed_fit", counted)
+    assert identify(lacking, records[:1]).model_error_K > 0.0
+    assert seen == [True]
 
 
 def test_what_is_fixed_stays_fixed(records):
