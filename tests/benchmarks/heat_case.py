@@ -42,11 +42,13 @@ class Case:
     drive : str
         "urban", "us06", "udds", or "rest".
     fault : str
-        "" for none, "heat", "fan", "pump", "frozen", "off", "loose", "drift", "jump", "scale", "stuck".
+        "" for none, "heat", "fan", "pump", "frozen", "off", "loose", "drift", "jump", "scale", "stuck"; "flow", a step
+        that is no fault and not recorded.
     cell : int
         1-based, of heat or of a thermocouple.
     size : float
-        W of heat; K/h of drift; K of a jump; share of a scale; factor on R_u of a fan (0: 3, a fan that stops).
+        W of heat; K/h of drift; K of a jump; share of a scale; factor on the flow; factor on R_u of a fan (0: 3, a fan
+        that stops).
     at : int
         s, when it begins.
     lasts : int
@@ -140,6 +142,9 @@ def _break(x, c: Case) -> None:
     elif c.fault == "pump":
         x.R_u[c.at :] *= 5.0**0.63
         x.C_f[c.at :] /= 5.0
+    elif c.fault == "flow":
+        x.C_f[c.at :] *= c.size
+        x.R_u[c.at :] *= c.size**-0.4
     elif c.fault in ("scale", "stuck"):
         real = x.I.copy()
         real[c.at :] *= c.size

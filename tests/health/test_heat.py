@@ -4,7 +4,6 @@ The truth is `tests.truth.pack` by way of the benchmark's cases; seeds here are 
 """
 
 import json
-from base64 import b64encode
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -15,7 +14,6 @@ import pytest
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.course import missing
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
-from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
@@ -180,28 +178,6 @@ def test_a_state_of_other_strings_is_refused() -> None:
     other = HeatWatch([model("small"), model("small")], 1.0).snapshot()
     with pytest.raises(ValueError, match="not of these strings"):
         HeatWatch([model("small")], 1.0).restore(other)
-
-
-def test_a_state_of_before_the_stream_is_taken_up_and_ends_no_alarm() -> None:
-    first = HeatWatch([model("small")], 1.0)
-    fed(first, range(600))
-    g = Finding("unexplained_heat", 6, 2, 10**9, place=4, places=(4,), size=3.0)
-    first.verdicts[0].take_up(g, 600 * 10**9)
-    state = json.loads(json.dumps(first.snapshot()))
-    at = first.filter.at
-    for key in ("numbers", "variances"):
-        del state[key][0][at.stream - at.nodes]
-    rest = state["rest"][0]
-    if rest is not None:
-        fewer = at.states - 1
-        rest["covariance"] = b64encode(np.zeros(fewer * (fewer + 1) // 2, "<f4").tobytes()).decode("ascii")
-    second = HeatWatch([model("small")], 1.0)
-    second.restore(state)
-    kept = np.delete(np.arange(at.nodes, at.states), at.stream - at.nodes)
-    assert np.array_equal(second.filter.z[0, kept], first.filter.z[0, kept])
-    assert second.filter.z[0, at.stream] == 0.0
-    assert second.filter.P[0, at.stream, at.stream] > 0.0
-    assert second.verdicts[0].hot
 
 
 def test_after_a_pause_nothing_is_told_of_the_time_before() -> None:

@@ -64,6 +64,9 @@ COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
 FLOWED_S = 1800.0  # s in which a sudden change of the films may be reported; ageing judges slow changes
 INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet's sensor is wrong, frozen or not
 MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
+COOLED_LN = 5.0
+"""ln by which a change of the current's heat must be likelier than one of films or flow, for missing heat to be
+reported: cells that are cooled more look like cells that make less heat."""
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 QUIET_SD, QUIET_S = 3.0, 900.0
@@ -432,7 +435,9 @@ class Verdict:
             share += float(w.amplitude[s, onset, best]) * float(along[at.load] + along[at.brisk])
             var += float(w.var[s, onset, best])
         new = []
-        sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
+        kinds = self.evidence.kinds
+        lead = float(each[best] - each[np.isin(kinds, (Kind.FLOW, Kind.STREAM))].max())
+        sound = each[best] < SUSPECT or (kinds[best] == Kind.LOAD and lead > COOLED_LN)
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
         # a model with this result would need a current that cools
         warms = warms and float(f.made()[0][s]) > COLD
