@@ -17,6 +17,7 @@ import scipy.linalg
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.screen import Gain, screen
+from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.effects import EffectParameter
@@ -267,15 +268,40 @@ def _sentences(effects: Sequence[Detectable], groups: Sequence[Sequence[str]]) -
     hidden = [name for name, n in places.items() if sum(k.partition(":")[0] == name for k in blind) == n]
     partly = [k for k in blind if k.partition(":")[0] not in hidden]
     if blind:
-        names = hidden + [_spoken(k) for k in partly]
+        names = hidden + _spoken(partly)
         found.append(f"These records could not show {_listed(names)} at a usual size.")
-    found += [f"{_listed([_spoken(k) for k in g], 'and')} look alike here." for g in groups]
+    each = _cell_by_cell(groups)
+    for names in (_spoken(g) for g in groups if g not in [g for own in each.values() for g in own.values()]):
+        same = "look alike here" if len(names) > 1 else "looks the same at each of these cells"
+        found.append(f"{_listed(names, 'and')} {same}.")
+    for alike, own in each.items():
+        found.append(f"In each of the {cells_in_words(sorted(own))}, {_listed(alike, 'and')} look alike here.")
     return tuple(found)
 
 
-def _spoken(key: str) -> str:
-    name, _, cell = key.partition(":")
-    return f"{name} (cell {cell})" if cell else name
+def _cell_by_cell(groups: Sequence[Sequence[str]]) -> dict[tuple[str, ...], dict[int, Sequence[str]]]:
+    """Collect groups of the same effects that sit on one cell each, where several cells have such a group."""
+    found: dict[tuple[str, ...], dict[int, Sequence[str]]] = {}
+    for g in groups:
+        parts = [key.partition(":") for key in g]
+        cells = {cell for _, _, cell in parts}
+        if len(cells) == 1 and "" not in cells:
+            found.setdefault(tuple(sorted(name for name, _, _ in parts)), {})[int(cells.pop())] = g
+    return {effects: own for effects, own in found.items() if len(own) > 1}
+
+
+def _spoken(keys: Sequence[str]) -> list[str]:
+    """Name effects with their cells, each effect once.
+
+    Examples
+    --------
+    >>> _spoken(["end_plate", "phase_change:3", "coolant_bypass:1", "phase_change:2", "phase_change:4"])
+    ['end_plate', 'phase_change (cells 2 to 4)', 'coolant_bypass (cell 1)']
+    """
+    cells: dict[str, list[int]] = {}
+    for name, _, cell in (key.partition(":") for key in keys):
+        cells.setdefault(name, []).extend([int(cell)] if cell else [])
+    return [f"{name} ({cells_in_words(sorted(k))})" if k else name for name, k in cells.items()]
 
 
 def _listed(names: Sequence[str], last: str = "or") -> str:

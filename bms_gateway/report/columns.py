@@ -273,8 +273,8 @@ def split_unit(name: str) -> tuple[str, str | None]:
     (('Strom', 'mA'), ('Strom', 'mA'), ('Temperatur Zelle', '°C'))
     >>> split_unit("TC1 degF"), split_unit("TC1, F"), split_unit("Volt, pack")
     (('TC1', 'degF'), ('TC1', 'F'), ('Volt, pack', None))
-    >>> split_unit("T in C")  # may be an inlet
-    ('T in C', None)
+    >>> split_unit("T in C"), split_unit("Drehzahl 1/min")  # may be an inlet; is not a time
+    (('T in C', None), ('Drehzahl 1/min', None))
     """
     if (found := _in_brackets(name)) is not None:
         return found
@@ -292,7 +292,7 @@ def split_unit(name: str) -> tuple[str, str | None]:
     if (told or unit == "%" or not unit.isascii()) and base and any(unit in units for units in UNITS.values()):
         return base.removesuffix(" in").strip(), unit
     base, slash, unit = name.rpartition("/")
-    if slash and any(unit.strip() in units for units in UNITS.values()):
+    if slash and not base.endswith("1") and any(unit.strip() in units for units in UNITS.values()):
         return base.strip(), unit.strip()
     return name, None
 
@@ -305,6 +305,8 @@ def _in_brackets(name: str) -> tuple[str, str] | None:
     inner = name[at + 1 : -1].strip()
     if at < 0 or name[at] not in "[(" or len(inner) > LONGEST_UNIT:
         return None
+    if re.search(r"\w\w+ *[ +\u2212-]|[+\u2212-] *\w\w", inner) and not any(inner in units for units in UNITS.values()):
+        return None  # words, such as those on a sign: "discharge +"
     while at and (name[at - 1] == "_" or name[at - 1].isspace()):
         at -= 1
     return name[:at], inner

@@ -33,6 +33,7 @@ _MOST: Final = {"current": 2000.0, "voltage": 1500.0}
 
 _INLET: Final = (
     r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
+    r"|\b(wasser|water|glykol|glycol|fluid|medium) (ein|in|eingang)\b"
 )
 _AIR: Final = r"\b(ambient|amb|chamber|umgebung|umgebungstemperatur|kammer|klimakammer|raum|room|t.?amb|luft|air)\b"
 _CORE: Final = r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo)\b"
@@ -94,6 +95,13 @@ _NOT: Final = re.compile(
     r"\b(outlet|r(ü|ue)cklauf|auslass|austritt|power|leistung|energy|energie|error|fehler|status)\b"
 )
 _NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
+_CHARGE: Final = re.compile(r"\b(ladung|charge|f(ü|ue)llstand|akku|batterie|battery)\b")
+"""Words for the state of charge of a column in per cent."""
+_CHARGING_RISES: Final = re.compile(
+    r"\b(laden|ladung|charge|charging|chg)\b[ :=]*(\+|pos)|\+[ :=]*(laden|ladung|charge|charging|chg)\b"
+    r"|\b(entladen|entladung|discharge|discharging)\b[ :=]*(neg|[-\u2212](?=\s*([\])/,;]|$)))"
+)
+"""Words in the name of a current that is positive while it charges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +187,8 @@ def guesses(
             fits = [n for n in fits if ours != "coolant_inlet_C" or not re.search(_CORE, plain(n))]
         if not fits and quantity in ("current", "time", "flow"):  # only its unit identifies it
             fits = [n for n in free if n not in found and kind[n] == quantity and not _NOT.search(plain(n))][:1]
+        if not fits and ours == "soc":
+            fits = [n for n in free if n not in found and kind[n] == quantity and _CHARGE.search(plain(n))][:1]
         if fits:
             best = min(fits, key=lambda n: (kind[n] is None, _late(ours, n), names.index(n)))
             found[best] = Guess(ours, _unit_of(quantity, values.get(best), kind[best]), why="by its name")
@@ -229,8 +239,9 @@ def _cells(
         mine = [n for n in mine if kind[n] == quantity and _NUMBER.search(plain(n))]
     elif what == "surface":
         mine = [n for n in mine if kind[n] == quantity or _heat_of_a_cell(plain(n))]
+        series = _series([n for n in free if kind[n] == quantity and not _NOT.search(plain(n))])
         if not mine:
-            mine = [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
+            mine = series or [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
     numbers = [int(m[1][-9:]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
     if len(set(numbers)) < len(numbers) or (0 in numbers and len(mine) == 1):
         numbers = list(range(1, len(mine) + 1))
@@ -242,6 +253,12 @@ def _cells(
         for ours, n in given.items()
         if ours not in taken
     }
+
+
+def _series(names: Sequence[str]) -> list[str]:
+    """Return the names that differ from another one only by their number, such as those of sensors."""
+    stems = [_NUMBER.sub("#", plain(n)) for n in names]
+    return [n for n, stem in zip(names, stems, strict=True) if "#" in stem and stems.count(stem) > 1]
 
 
 def _of_the_battery(
@@ -287,9 +304,14 @@ def _signed(found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[s
         return found
     where = {**{g.ours: n for n, g in found.items()}, **taken}
     voltages = [where[o] for o in where if o == "voltage_V" or o.startswith("cell_voltage_")]
-    why = rises(values.get(column), values.get(voltages[0]) if voltages else None, values.get(where.get("soc", "")))
-    if why:
+    I = values.get(column)  # noqa: E741 - the paper's symbol
+    V, soc = values.get(voltages[0]) if voltages else None, values.get(where.get("soc", ""))
+    if why := rises(I, V, soc):
         found[column] = replace(found[column], flip=True, why=f"{found[column].why}; {why}: charge is positive there")
+    elif _CHARGING_RISES.search(normalize("NFC", column).lower()) and not rises(None if I is None else -I, V, soc):
+        found[column] = replace(
+            found[column], flip=True, why=f"{found[column].why}, which says that charge is positive"
+        )
     return found
 
 

@@ -17,7 +17,7 @@ _WRITTEN: Final = re.compile(rf"(?<=\d )({'|'.join(u for u in _UNITS if u != '1'
 _MINUS: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 _BEFORE: Final = r"(?<![\w(/.\-])"
 """An identifier in brackets already has its label; one in the name of a file is a part of the name."""
-_PLACE: Final = r"(?: \(((?:after )?cell \d+)\))?"
+_PLACE: Final = r"(?: \(((?:after )?cells? \d+(?:(?: to |, )\d+)*)\))?"
 _AFTER: Final = r"(?![\w/\-]|:\S|\.\w)"
 
 
@@ -70,6 +70,8 @@ def labelled(text: str) -> str:
     'Missing: reversible (entropic) heat (entropic_heat). See /tmp/end_plate.csv'
     >>> labelled("coolant_delay looks like phase_change (cell 2).")
     'coolant arrives late (coolant_delay) looks like latent heat at the surface (phase_change, cell 2).'
+    >>> labelled("phase_change (cells 2 to 7, 9) looks the same.")
+    'latent heat at the surface (phase_change, cells 2 to 7, 9) looks the same.'
     """
     both, alone, titles = _names()
 

@@ -1,5 +1,7 @@
 """What a record could show: sizes that would be found, effects that look alike, what parameters absorb."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,19 @@ def test_on_a_single_cell_at_constant_inlet_offsets_and_losses_are_one():
     assert not any(d.visible for d in card.effects if d.key == "coolant_delay")
     blind = [d.effect for d in card.effects if not d.visible]
     assert all(name in card.sentences[0] for name in blind)
+
+
+def test_the_places_of_one_effect_are_named_together():
+    fit, offered = fit_of(seed=4, cells=12, sensors=tuple(range(1, 13)), seconds=900)
+    card = detectability(fit, offered)
+    offsets = [g for g in card.groups if any(k.startswith("thermocouple_offset:") for k in g)]
+    assert len(offsets) > 2
+    told = [s for s in card.sentences if "thermocouple_offset" in s]
+    assert len(told) == 1
+    assert re.match(r"In each of the cells \d+ to \d+.*, neighbour_heat and thermocouple_offset look alike", told[0])
+    for sentence in card.sentences:
+        names = re.findall(r"[a-z]+(?:_[a-z]+)+", sentence)
+        assert len(names) == len(set(names)), sentence
 
 
 def test_a_cell_without_a_sensor_hides_more(pulses):

@@ -106,6 +106,11 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
             f"{INLET} core_3_C core_6_C surface_3_C soc",
         ),
         ("t;I;T_amb;T_batt;T1;T2", "0;1;20;20;20;20", f"{INLET} - surface_1_C surface_2_C"),
+        (
+            "Zeit;Strom;T Wasser ein °F;Ladung %;Fühler 1 außen °F;Fühler 2 außen °F;Drehzahl 1/min",
+            "0;1;70;50;70;71;3000",
+            f"{INLET} soc surface_1_C surface_2_C -",
+        ),
         ("t;I;T_amb;Cell_3_Voltage;Cell_3_Temp;Zellspannung", "0;1;20;3.6;20;3.6", f"{INLET} - surface_3_C -"),
     ],
 )
@@ -150,6 +155,30 @@ def test_signs_are_told_by_the_voltage_before_the_charge():
     assert rises(2.5 * np.ones(600), falls, None) == rises(-2.5 * np.ones(600), falls[::-1], None) == ""
     assert rises(np.where(t < 300, 2.5, -2.5), falls, None) == ""  # both ways: a slope tells nothing
     assert rises(-2.5 * np.ones(600), np.full(600, 3.3), None) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "flip"),
+    [
+        ("I_Batt (Laden +) [kA]", True),
+        ("Strom, Laden positiv [A]", True),
+        ("current [A] (+ charge)", True),
+        ("Current (discharge -)", True),
+        ("Current (discharge +)", False),
+        ("Strom Entladen + [A]", False),
+        ("charge/discharge current [A]", False),
+        ("Ladestrom [A]", False),
+    ],
+)
+def test_a_name_tells_the_sign_where_nothing_else_does(tmp_path, name, flip):
+    path = tmp_path / "table.csv"
+    rows = [f"{k};{3 * (-1) ** k};20;20" for k in range(30)]
+    path.write_text("\n".join([f"t;{name};T_amb;T1", *rows]), encoding="utf-8")
+    current = look(path)["columns"][1]
+    assert (current["ours"], current["flip"]) == ("current_A", flip)
+    rows = [f"{k};{3 * (-1) ** (k // 7)};20;20;{12 - 0.1 * (-1) ** (k // 7)}" for k in range(60)]
+    path.write_text("\n".join([f"t;{name};T_amb;T1;U", *rows]), encoding="utf-8")
+    assert not look(path)["columns"][1]["flip"]  # the voltage knows better
 
 
 def test_a_german_export_without_brackets_says_its_units_all_the_same(tmp_path):

@@ -28,8 +28,10 @@ const told = await fetch(`/api/state?desk=${desk}`).then(r => r.ok ? r.json() : 
 return Boolean(told && told.job === null && String(told.version) === body.version && rests());
 """
 KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014", "Down": "\ue015"}
-# what the driver says of an element that left the page after it was found, and before it was
-DRAWN_ANEW = ("stale element reference", "no such element")
+# what the driver says of an element that left the page after or before it was found, or moved under another
+DRAWN_ANEW = ("stale element reference", "no such element", "element click intercepted", "element not interactable")
+NOT_THERE = ("Cannot read properties of null", "Cannot read properties of undefined")
+"""What a script says that looks into an element that is not there, or is being drawn anew."""
 
 
 def why_none() -> str:
@@ -153,23 +155,32 @@ class Window:
 
     def click(self, css) -> None:
         come(lambda: self.there(css), lambda: f"{css} to click on; error line: {self.text('#error')!r}")
-        come(lambda: self._clicked(css), f"{css} that stays long enough to be clicked on")
+        self._with(css, lambda element: self._call("POST", f"/element/{element}/click", {}))
 
-    def _clicked(self, css) -> bool:
-        """Click on what matches now; False where the page drew it anew before the click reached it."""
-        try:
-            self.run("document.querySelector(arguments[0])?.scrollIntoView({block: 'center'})", css)
-            self._call("POST", f"/element/{self._element(css)}/click", {})
-        except AssertionError as e:
-            if not str(e).startswith(DRAWN_ANEW):
-                raise
-            return False
-        return True
+    def _with(self, css, act) -> None:
+        """Do something with what matches, again where the page drew it anew before it was done."""
+        why = ""
+
+        def done() -> bool:
+            nonlocal why
+            try:
+                self.run("document.querySelector(arguments[0])?.scrollIntoView({block: 'center'})", css)
+                act(self._element(css))
+            except AssertionError as e:
+                why = str(e)
+                if not why.startswith(DRAWN_ANEW):
+                    raise
+                return False
+            return True
+
+        come(done, lambda: f"{css} that stays long enough to be used; {why}")
 
     def type(self, css, text) -> None:
-        element = self._element(css)
-        self._call("POST", f"/element/{element}/clear", {})
-        self._call("POST", f"/element/{element}/value", {"text": str(text)})
+        def written(element) -> None:
+            self._call("POST", f"/element/{element}/clear", {})
+            self._call("POST", f"/element/{element}/value", {"text": str(text)})
+
+        self._with(css, written)
 
     def upload(self, css, path) -> None:
         self._call("POST", f"/element/{self._element(css)}/value", {"text": str(path)})
@@ -182,18 +193,31 @@ class Window:
 
     def point(self, css) -> None:
         """Move the pointer onto something."""
-        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)
-        move = {"type": "pointerMove", "duration": 0, "origin": {ELEMENT: self._element(css)}, "x": 0, "y": 0}
-        self._call("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "actions": [move]}]})
+
+        def moved(element) -> None:
+            move = {"type": "pointerMove", "duration": 0, "origin": {ELEMENT: element}, "x": 0, "y": 0}
+            self._call("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "actions": [move]}]})
+
+        self._with(css, moved)
 
     def text(self, css) -> str:
         return self.run("return document.querySelector(arguments[0])?.innerText ?? ''", css)
 
     def wait(self, script, *args, patience_s=PATIENCE_S):
         """Wait until a script gives something true."""
-        return come(
-            lambda: self.run(script, *args), lambda: f"{script}; error line: {self.text('#error')!r}", patience_s
-        )
+        why = ""
+
+        def found():
+            nonlocal why
+            try:
+                return self.run(script, *args)
+            except AssertionError as e:
+                why = str(e)
+                if not any(reason in why for reason in NOT_THERE):
+                    raise
+                return None
+
+        return come(found, lambda: f"{script}; error line: {self.text('#error')!r} {why}", patience_s)
 
     def idle(self, patience_s=PATIENCE_S) -> None:
         """Wait until nothing runs, of what was clicked before too, and the page shows what came of it."""

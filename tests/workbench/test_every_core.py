@@ -9,6 +9,9 @@ from tests.workbench.conftest import served
 CELLS, SENSORS = 30, (1, 15, 30)
 NAMED = "return document.querySelector('#plot-core').dataset.name === arguments[0]"
 
+IN_LEGEND = "return [...document.querySelectorAll('#plot-core .legendtext')].map(e => e.textContent).sort()"
+DRAWN = "return [...new Set(document.querySelector('#plot-core').data.map(d => d.name))].sort()"
+
 
 @pytest.mark.slow
 def test_cores_without_a_sensor_have_pictures_in_long_strings_too(window, tmp_path):
@@ -34,6 +37,10 @@ def test_cores_without_a_sensor_have_pictures_in_long_strings_too(window, tmp_pa
                 "return Math.max(...model.y.filter(y => y !== null))"
             )
             assert highest == pytest.approx(float(told.split("core up to ")[1].split()[0]), abs=0.06)
+            assert page.run(IN_LEGEND) == page.run(DRAWN)  # a step of which the core is not known too
+        found = page.run("return [...document.querySelectorAll('#panel-compare .found li')].map(e => e.innerText)")
+        assert found
+        assert not [t for t in found if t[0].islower()]
         page.press("Right")  # by keys, from one cell to the next
         page.wait(NAMED, "core-0-30")
         page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-30'")

@@ -34,6 +34,19 @@ return [...document.querySelectorAll('#panels .scroll')].filter(e => e.getClient
 """
 """Of the panels, all of them opened: errors, parameters, correlations, numbers of an addition."""
 
+BROKEN = """
+const found = [], range = new Range();
+for (const name of document.querySelectorAll('.effect .name')) for (const text of name.childNodes) {
+  for (const word of (text.data ?? '').matchAll(/[^\\s_.-]{2,}/g)) {
+    range.setStart(text, word.index);
+    range.setEnd(text, word.index + word[0].length);
+    if (range.getClientRects().length > 1) found.push(word[0]);
+  }
+}
+return found;
+"""
+"""Words of names of effects that stand in two lines."""
+
 LONG = """
 const p = document.createElement('p');
 p.innerText = 'x'.repeat(400);
@@ -61,6 +74,7 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
                 page.click(f"#tab-{step}")
                 page.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=20)
                 assert page.run(CUT) == [], (width, step)
+                assert page.run(BROKEN) == [], (width, step)
             widths[width] = page.run("return document.querySelector('#panels').clientWidth")
         assert widths[1024] < widths[1920]  # the panel uses the width that there is
         assert widths[1920] > 0.25 * 1920

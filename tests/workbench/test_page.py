@@ -111,6 +111,9 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     _, first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first
     assert fell[-1] == pytest.approx(second, rel=0.1)
+    # the old verdict begins with the model that it is of
+    told = page.run("return document.querySelector('#panel-diagnose').textContent")
+    assert told.startswith("DiagnoseFound for “refitted”, before what has been added since:")
     assert faults(page, axe) == []
 
     hatched = (

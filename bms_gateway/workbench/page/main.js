@@ -1,11 +1,12 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, LOST, answers, get, post, upload, ui, keep, attempt, complain, fault, runs, sentence, claim as claimed, desked } from "./util.js";
+import { $, LOST, answers, get, post, upload, ui, keep, attempt, until, complain, fault, runs, sentence, claim as claimed, desked } from "./util.js";
 import * as columns from "./open.js";
 import * as kept from "./kept.js";
 import * as plots from "./plots.js";
 import * as measure from "./measure.js";
 import * as road from "./road.js";
 import * as live from "./live.js";
+import { unsent } from "./notes.js";
 
 const STEPS = ["open", "compare", "diagnose", "add", "take", "live"];
 let version = -1;
@@ -112,7 +113,7 @@ async function again() {
   looking = true;
   for (let found = false; !found;) {
     try {
-      await claim();
+      await until(claim);
       found = true;
     } catch (e) {
       complain(e.message);
@@ -120,6 +121,7 @@ async function again() {
     }
   }
   looking = false;
+  unsent();
   version = -1; // what was asked for meanwhile is fetched now
   listen();
   refresh();

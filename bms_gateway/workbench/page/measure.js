@@ -1,12 +1,12 @@
 // Two cursors with their difference, and statistics of the window: the server reckons both from every sample.
-import { $, el, get, ui, keep, complain } from "./util.js";
+import { $, el, get, ui, keep, complain, afterwards } from "./util.js";
 
 const AFTER_MS = 80; // of the last move, the values are asked for
 const STEPS = 400; // of a slider
 const GRIP_PX = 7;
 const INK = "#1a1a1a";
 let shown = null; // what the plots show: names, window, unit, steps, query, nodes
-let asked = 0, waiting = 0;
+let asked = 0;
 
 export const on = () => $("measure").open;
 const at = (k) => ui.cursors?.[k];
@@ -86,17 +86,14 @@ function fields() {
 export const plain = (x, size = 5) => (x === null || x === undefined ? "–" : Object.is(x, -0) || x === 0 ? "0"
   : (Math.abs(x) >= 1e6 || Math.abs(x) < 1e-4 ? x.toExponential(3) : String(Number(x.toPrecision(size)))).replaceAll("-", "−"));
 
-function ask() {
-  clearTimeout(waiting);
-  waiting = setTimeout(async () => {
-    const mine = ++asked;
-    const { window: [from, to], names, query } = shown, { a, b } = ui.cursors;
-    try {
-      const { curves } = await get("measures", { names: names.join(), from, to, a, b, ...query });
-      if (mine === asked) table(curves, [from, to], [a, b]);
-    } catch (e) { complain(e.message); }
-  }, AFTER_MS);
-}
+const ask = afterwards(AFTER_MS, async () => {
+  const mine = ++asked;
+  const { window: [from, to], names, query } = shown, { a, b } = ui.cursors;
+  try {
+    const { curves } = await get("measures", { names: names.join(), from, to, a, b, ...query });
+    if (mine === asked) table(curves, [from, to], [a, b]);
+  } catch (e) { complain(e.message); }
+});
 
 const heads = () => ["Curve", "at A", "at B", "B − A", `slope per ${shown.unit}`, "least", "greatest", "mean", "rms", "samples"];
 

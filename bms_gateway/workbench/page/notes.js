@@ -1,33 +1,40 @@
 // The notes of a session: what is being written stays, and is kept by the desk a moment after the last key.
-import { el, post, attempt, ui, keep } from "./util.js";
+import { el, post, attempt, afterwards, ui, keep } from "./util.js";
 
 const NOTES_MS = 600;
 const MOST = 10000, DRAFT_MOST = 1000000; // characters that the session takes, and that this tab holds back
-const box = el("textarea", { id: "notes-text", rows: "5", "aria-describedby": "notes-long", oninput: () => { long(); clearTimeout(writing); writing = setTimeout(kept, NOTES_MS); }, onchange: () => kept() });
+const box = el("textarea", { id: "notes-text", rows: "5", "aria-describedby": "notes-long", oninput: () => { long(); soon(); }, onchange: () => kept() });
 const told = el("p", { class: "alarm", id: "notes-long", role: "status", hidden: true });
 export const noteBox = el("div", {}, el("label", { for: "notes-text" }, "Notes, which the session file takes along"), box, told);
-let writing = 0, saved = "";
+// What the session has; null: what this tab holds back is not sent yet.
+let saved = (ui.draft ?? null) === null ? "" : null;
 
-// Notes that are too long are not cut: it is said as long as it is so, and a reload of this tab brings them back.
-let draft = ui.draft ?? null;
-if (draft !== null) { box.value = draft; long(); }
+// What is written and not yet in the session outlives a reload of this tab. Notes that are too long are not cut: it is said as long as it is so.
+const hold = (draft) => { if (draft !== (ui.draft ?? null)) keep({ draft }); };
 function long() {
   const count = [...box.value].length, over = count > MOST, held = box.value.length <= DRAFT_MOST;
   told.hidden = !over;
   told.textContent = over ? `Notes: at most ${MOST} characters are kept, these are ${count}. ${held ? "They stay in this tab, and" : "Neither this tab nor"} the session file ${held ? "does not have" : "keeps"} them until they are shorter.` : "";
-  draft = over && held ? box.value : null;
-  if (draft !== (ui.draft ?? null)) keep({ draft });
+  hold(held && box.value !== saved ? box.value : null);
   return over;
 }
 
 const kept = attempt(async () => {
-  clearTimeout(writing);
   const text = box.value;
   if (long()) throw new Error(told.textContent);
   if (text === saved) return;
   await post("note", { notes: text });
   saved = text;
+  if (box.value === text) hold(null);
 });
+const soon = afterwards(NOTES_MS, kept);
+if (saved === null) {
+  box.value = ui.draft;
+  if (!long()) kept();
+}
+
+// What could not be sent while the program was gone is sent when it is there again.
+export const unsent = () => { if (box.value !== saved && !long()) kept(); };
 
 // Other notes than those that this tab sent come with a session that is opened.
 export function noted(now) {

@@ -1,5 +1,5 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
-import { $, el, post, attempt, ui, clock, complain, fixed, many, wallMs, when } from "./util.js";
+import { $, el, post, attempt, ui, clock, complain, fixed, many, until, wallMs, when } from "./util.js";
 import { put as keepUpload, opened as uploadsOpened } from "./kept.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -138,7 +138,7 @@ function toFleet() {
 // Opens the signals of the window on this tab's desk: the road begins there, with the model of the live page.
 async function diagnose() {
   const { files } = await post("window", { view, string: Number($("past-string").value), span: chosen ? 0 : Number($("past-span").value), ends: chosen });
-  keepBoth(files).catch((e) => complain(e.message));
+  until(() => keepBoth(files)).catch((e) => complain(e.message));
   dispatchEvent(new CustomEvent("tab", { detail: "compare" }));
 }
 

@@ -1,5 +1,5 @@
 // The stage: string drawing, plots of the chosen cell with linked time axes, curves of an effect laid over them.
-import { $, el, get, ui, keep, K, complain } from "./util.js";
+import { $, el, get, ui, keep, K, complain, until, afterwards } from "./util.js";
 import { sketch } from "./sketch.js";
 import * as measure from "./measure.js";
 import * as tracks from "./tracks.js";
@@ -22,8 +22,13 @@ let state = null;
 let specs = {};
 let curves = new Map();
 let over = null; // effect whose curves are shown
-let drawing = 0;
-let range = null; // zoomed time, of the record
+let newest = 0; // drawing of all places
+let range = ui.zoom ?? null; // zoomed time, of the record
+const zoomTo = (next) => { range = next; keep({ zoom: next }); };
+
+// Drawing that a person asked for: the page rests when it is done.
+const drawing = (work) => until(work).catch((e) => complain(e.message));
+const anew = () => drawing(() => show(state));
 
 // The plots' script runs for a second, in which nothing else is drawn: it comes after the first picture, or while idle.
 let loading = null;
@@ -84,7 +89,7 @@ function ofSteps(figure, place) {
     if (s.low && (!ghost || place === "core")) {
       const fill = faint(color, ghost ? 0.08 : 0.16);
       const hatched = place === "core" && !s.proven ? { fillpattern: { shape: "/", size: 8, solidity: 0.25, fgcolor: faint(color, 0.55), bgcolor: fill } } : { fillcolor: fill };
-      found.push({ ...line(ribbon(s.low, s.high), 0, { ...silent, fill: "toself", ...hatched }), mode: "none" });
+      found.push({ ...line(ribbon(s.low, s.high), 0, { ...silent, showlegend: !s.model, fill: "toself", ...hatched }), mode: "none" });
     }
     if (s.each && !ghost) found.push(line(s.each, 0.7, { ...silent, yaxis: "y2", opacity: 0.4, dash: "solid" }));
     if (s.mean) found.push(line(s.mean, ghost ? 1.6 : 2.6, { ...silent, yaxis: "y2" }));
@@ -138,7 +143,8 @@ function laidOver(place) {
 
 // The model that is being fitted, as it is so far: its curves move while its error falls.
 let fitting = null, pictured = 0, asking = false, latest = null;
-export async function trying(trial) {
+export const trying = (trial) => until(() => moved(trial));
+async function moved(trial) {
   latest = trial ?? null;
   if (!latest) { pictured = 0; if (fitting) { fitting = null; if (specs.surface?.figure && window.Plotly) await draw("surface"); } return; }
   if (asking) return;
@@ -229,7 +235,7 @@ function reach(figure) {
 // Scales of the residual: the axis is that of all steps, the colours are those of the step in the map, until a person wishes otherwise.
 for (const [id, key] of [["close-up", "closeUp"], ["same-colors", "sameColors"]]) {
   $(id).checked = ui[key];
-  $(id).addEventListener("change", () => { keep({ [key]: $(id).checked }); draw(id === "close-up" ? "surface" : "map").catch((e) => complain(e.message)); });
+  $(id).addEventListener("change", () => { keep({ [key]: $(id).checked }); drawing(() => draw(id === "close-up" ? "surface" : "map")); });
 }
 
 // Says in the picture of a core that the newest ticked step knows too little of it to draw one, or on what its band rests.
@@ -271,17 +277,21 @@ function tell() {
     seconds: { s: 1, min: 60, h: 3600 }[unit], steps: ticked(state.steps).map((s) => s.name), query: tracks.query(), redraw: cursors });
 }
 
-let linking = false;
-async function zoomed(one, change) {
-  if (linking) return;
-  const to = change["xaxis.range"] || [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-  if (!change["xaxis.autorange"] && to[0] === undefined) return;
-  range = change["xaxis.autorange"] ? null : to.map(Number);
-  linking = true;
-  const others = timed().map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
-  await Promise.all(others.map((p) => Plotly.relayout(p, { "xaxis.range": range ?? whole() })));
-  linking = false;
-  await resampled().catch((e) => complain(e.message));
+// A zoom in one plot moves the others; what these tell of it is not a person's.
+const moving = new Map(); // windows that each plot is on its way to
+async function follow(node, to) {
+  moving.set(node, [...(moving.get(node) ?? []), to.join()]);
+  try { await Plotly.relayout(node, { "xaxis.range": to }); } finally { moving.get(node).shift(); }
+}
+function zoomed(one, change) {
+  const to = change["xaxis.range"] || [change["xaxis.range[0]"], change["xaxis.range[1]"]], back = change["xaxis.autorange"];
+  if (!back && (to[0] === undefined || moving.get(one)?.includes(to.join()))) return;
+  zoomTo(back ? null : to.map(Number));
+  drawing(async () => {
+    const others = timed().map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
+    await Promise.all(others.map((p) => follow(p, range ?? whole())));
+    await resampled();
+  });
 }
 
 // Asks for the samples of the window that is shown: of a short one all of them.
@@ -290,13 +300,12 @@ async function resampled() {
   const mine = ++sampling, began = performance.now();
   const there = timed().filter((p) => specs[p]?.figure);
   const found = await Promise.all(there.map((p) => figureOf(p, specs[p].name)));
-  if (mine !== sampling) return;
-  linking = true;
   for (const [i, p] of there.entries()) {
+    if (mine !== sampling) return;
     if (specs[p]?.figure) specs[p].figure = found[i];
     await draw(p);
   }
-  linking = false;
+  if (mine !== sampling) return;
   $("stage").dataset.resampledMs = Math.round(performance.now() - began);
   $("stage").dataset.window = range ? range.join() : "";
   tell();
@@ -308,7 +317,7 @@ const figureOf = async (place, name) =>
 // Contours of two parameters, where somebody looks at them.
 async function pairs() {
   const styles = new Map(state.steps.map((s, i) => [s.name, styleOf(i)])), node = $("plot-pair");
-  const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
+  const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => drawing(pairs));
   if (!found || !$("pairs").open || !window.Plotly) return;
   const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text.replace("<br>", " ")];
   const data = wrapped(themed(found.data), node, found.layout);
@@ -319,17 +328,15 @@ async function pairs() {
   node.dataset.pair = found.pair.join();
 }
 
-let resizing = 0;
-addEventListener("resize", () => { clearTimeout(resizing); resizing = setTimeout(() => { if (window.Plotly && state?.opened) redraw(); }, 250); });
-
-export async function redraw() {
+export const redraw = () => drawing(async () => {
   for (const place of places()) await draw(place);
   await pairs();
-}
+});
+addEventListener("resize", afterwards(250, async () => { if (window.Plotly && state?.opened) await redraw(); }));
 measure.prepare(() => { if (window.Plotly && state?.opened) cursors(); });
 
-$("pairs").addEventListener("toggle", () => { if (state && $("pairs").open) pairs().catch((e) => complain(e.message)); });
-$("leftover").addEventListener("toggle", () => { if (state && $("leftover").open) show(state).catch((e) => complain(e.message)); });
+$("pairs").addEventListener("toggle", () => { if (state && $("pairs").open) drawing(pairs); });
+$("leftover").addEventListener("toggle", () => { if (state && $("leftover").open) anew(); });
 
 // Fetches the figures of the chosen record and cell, and draws them.
 export async function show(next, fresh) {
@@ -346,18 +353,18 @@ export async function show(next, fresh) {
   const record = opened.records[ui.record];
   // the cell that fails most is shown first, until a person chooses another
   const of = JSON.stringify([opened.records.map((r) => r.source), state.files?.model]);
-  if (ui.of !== of) keep({ of, cell: 0, chosen: false });
+  if (ui.of !== of) { zoomTo(null); keep({ of, cell: 0, chosen: false }); }
   const there = ui.cell >= 1 && ui.cell <= opened.cells;
   if (!ui.chosen || !there) keep({ cell: worst() ?? (there ? ui.cell : record.cells[0]), chosen: worst() !== null });
   choices();
-  tracks.show(state, () => show(state).catch((e) => complain(e.message)));
+  tracks.show(state, anew);
   string();
   regimes();
-  const mine = ++drawing;
+  const mine = ++newest;
   for (const place of places()) {
     const name = place.startsWith("track-") ? place : ["drive", "map"].includes(place) ? `${place}-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
     const found = (state.figures.includes(name) || state.tracks.includes(name)) && (timed().includes(place) || $("leftover").open) ? await figureOf(place, name) : null;
-    if (mine !== drawing) return;
+    if (mine !== newest) return;
     specs[place] = { name, figure: found };
     await draw(place);
   }
@@ -379,7 +386,7 @@ function choices() {
   $("record-choice").hidden = state.opened.records.length < 2;
   const last = state.opened.records.map((r) => r.source.split(/[\\/]/).pop()), called = (r, i) => (last.indexOf(last[i]) === last.lastIndexOf(last[i]) ? last[i] : r.source);
   select.replaceChildren(...state.opened.records.map((r, i) => el("option", { value: i, selected: i === ui.record, title: r.source }, called(r, i))));
-  select.onchange = () => { range = null; keep({ record: Number(select.value) }); show(state); };
+  select.onchange = () => { zoomTo(null); keep({ record: Number(select.value) }); anew(); };
   const box = $("variants"), told = JSON.stringify([state.steps.map((s) => [s.name, s.core?.proven]), ui.off, dark()]);
   box.hidden = $("close-up-choice").hidden = $("same-colors-choice").hidden = state.steps.length < 2;
   if (box.dataset.told !== told) {
@@ -397,7 +404,7 @@ function tick(s, i) {
   const [color, dash] = styleOf(i), box = el("input", { type: "checkbox", id: `step-${i}`, checked: !ui.off.includes(s.name), onchange: () => {
     const rest = ui.off.filter((x) => x !== s.name);
     keep({ off: box.checked ? rest : [...rest, s.name] });
-    show(state); dispatchEvent(new Event("variant"));
+    anew(); dispatchEvent(new Event("variant"));
   } });
   const line = el("i", { class: `line ${s.core?.proven === false ? "unproven" : ""}`, style: `--c:${themed(color)};border-top-style:${dash === "solid" ? "solid" : "dashed"}` });
   return el("label", { class: "tick", for: `step-${i}` }, box, line, s.name);
@@ -437,7 +444,7 @@ function string() {
 export function pick(k) {
   if (!state?.opened || k < 1 || k > state.opened.cells) return;
   keep({ cell: k, chosen: true });
-  show(state).catch((e) => complain(e.message));
+  anew();
 }
 
 function regimes() {
@@ -450,11 +457,11 @@ function regimes() {
 }
 
 // Lays the curves of an effect over the plot, or takes them away again.
-export async function preview(name) {
+export function preview(name) {
   if (over === name) return;
   over = name;
-  if (name && !curves.has(name)) {
-    try { curves.set(name, (await get("curves", { name })).curves); } catch (e) { complain(e.message); return; }
-  }
-  if (over === name) await draw("surface");
+  drawing(async () => {
+    if (name && !curves.has(name)) curves.set(name, (await get("curves", { name })).curves);
+    if (over === name) await draw("surface");
+  });
 }

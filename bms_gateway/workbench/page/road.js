@@ -25,8 +25,9 @@ const fold = (id, title, ...inside) =>
     const rest = ui.open.filter((x) => x !== id);
     keep({ open: e.target.open ? [...rest, id] : rest });
   } }, el("summary", {}, title), ...inside);
-// In narrow tables a long symbol may be broken after its points and underscores.
+// In narrow places a long symbol may be broken after its points and underscores.
 const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/\S{12,}/g, (word) => word.replace(/[._]/g, "$&<wbr>")));
+const softly = (text) => text.split(/(?<=[._])(?=\S)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));
 const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
 
 export function prepare() {
@@ -231,7 +232,7 @@ function compare() {
   if (remains) box.append(el("p", { class: "alarm" }, remains));
   if (worse) box.append(el("p", { class: "danger worse" }, worse));
   box.append(...core(known), el("h3", {}, title));
-  if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
+  if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, sentence(f)))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   for (const [id, title] of t ? TABLES.filter(([id]) => t[id]) : []) box.append(fold(id, `${title}: ${t.of}`, scroll(`${title}: ${t.of}`, t[id])));
 }
@@ -241,7 +242,7 @@ const TABLES = [["errors", "Errors by sensor"], ["parameters", "Parameters"], ["
 
 // How well the cores are known, and what speaks against them.
 function core(c) {
-  return c.sentence ? [el("p", { class: `core ${c.proven ? "" : "alarm"}` }, c.sentence), el("ul", { class: "found" }, ...c.why.map((t) => el("li", {}, t)))] : [];
+  return c.sentence ? [el("p", { class: `core ${c.proven ? "" : "alarm"}` }, c.sentence), el("ul", { class: "found" }, ...c.why.map((t) => el("li", {}, sentence(t))))] : [];
 }
 
 function verdict() {
@@ -252,10 +253,10 @@ function verdict() {
   box.replaceChildren(el("h2", {}, "Diagnose"));
   if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
+  if (state.diagnosed_of) box.append(el("p", { class: "muted", id: "found-for" }, `Found for “${state.diagnosed_of}”, before what has been added since:`));
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
     d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}${d.selected.filter((k) => !inModel(k)).length > 1 ? " at once" : ""}`)) : "",
     ...core(d.core));
-  if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
@@ -290,7 +291,7 @@ function effect(r, i, d) {
       settle();
       $(id)?.focus({ preventScroll: true });
     } },
-    el("span", { class: "name" }, named(r)),
+    el("span", { class: "name" }, ...softly(named(r))),
     el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * r.needs}%` })),
     el("span", { class: "odds" }, odds));
   const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);

@@ -79,6 +79,16 @@ export const until = async (work) => {
   try { return await work(); } finally { document.body.dataset.underway = --underway; }
 };
 
+// What is done a moment after the last wish of several; it is under way from the first wish on.
+export function afterwards(ms, work) {
+  let newest = 0;
+  return () => until(async () => {
+    const mine = ++newest;
+    await new Promise((done) => setTimeout(done, ms));
+    if (mine === newest) await work();
+  });
+}
+
 // What a person does before this tab has its desk waits for it.
 let claimed = null;
 export const desked = new Promise((done) => { claimed = done; });
