@@ -48,6 +48,18 @@ def test_an_inlet_that_froze_and_moves_again_is_over() -> None:
     assert told[1][0] <= 2400 + 400
 
 
+def test_a_frozen_inlet_whose_frames_are_rare_stays_frozen_between_them() -> None:
+    """The alert said in turn that the sensor is frozen and by how much it is off."""
+    every = np.where(np.arange(3600) % 25 == 0, np.concatenate((lively(1800, 0.01), np.full(1800, 25.0))), np.nan)
+    watch, seen = HeatWatch([model("small")], 1.0), set()
+    y = 25.0 + np.random.default_rng(1).normal(0.0, 0.03, (len(every), 1, CELLS))
+    for k in range(len(every)):
+        tick = HeatTick(np.zeros(1), None, np.zeros(1), every[k : k + 1], y[k], np.zeros((1, CELLS)))
+        watch.add(k * 10**9, tick)
+        seen |= {f.text.split(" for ")[0] for f in watch.verdicts[0].findings}
+    assert seen == {"the coolant inlet has read exactly the same"}
+
+
 @pytest.mark.parametrize(
     ("inlet", "why"),
     [

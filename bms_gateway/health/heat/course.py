@@ -203,7 +203,8 @@ class Course:
         share = self.lively + (moves - self.lively) * min(1.0, dt / LIVELY_S)
         self.lively = np.where(np.isfinite(step), share, self.lively)
         same = (self.frozen * dt >= STUCK_S) & (step == 0.0) & ~self.constant_inlet
-        self.stuck = np.asarray(same & (self.stuck | (self.lively > LIVELY)), dtype=np.bool_)
+        stuck = same & (self.stuck | (self.lively > LIVELY))
+        self.stuck = np.asarray(np.where(np.isfinite(step), stuck, self.stuck & (self.frozen > 0)), dtype=np.bool_)
 
     def take(self, f: HeatFilter, heat: Floats, inlet: Floats, heard: Bools) -> Bools:
         """Note a step with heat by the current (S, n), W, and inlet (S,), °C; return which strings must be judged."""

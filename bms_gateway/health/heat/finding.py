@@ -20,7 +20,7 @@ class Finding:
     since_ns : int
     text : str
     heat, heat_sd : float
-        W, sum over all cells in which it may be; NaN for other faults than heat.
+        W, if all of it is in `cell`; NaN for other faults than heat.
     warmest : float
         K, the greatest gap between the cell's surface and the coolant since heat was found.
     still_s : float

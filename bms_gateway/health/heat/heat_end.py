@@ -17,8 +17,9 @@ from bms_gateway.thermal import Floats
 LEAST_RATE = 1e-3
 """K/s of a cell's heat capacity: less heat than this is no fault."""
 ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
-"""Heat has ended if it is below so many sd for so long, and if one sd is below this share of the found heat; the last
-number replaces the first in strings with few thermocouples."""
+"""Heat has ended if its estimate is below so many sd for the time of the second number, s, and if estimate and one sd
+together are below the last number as a share of the heat that was found. In strings with few thermocouples, as many sd
+as the first number take the place of the one."""
 
 
 def heat_there(f: HeatFilter, s: int, place: int, places: Sequence[int]) -> tuple[float, float]:
@@ -48,8 +49,9 @@ def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
 
     Parameters
     ----------
-    f, s
-        As above.
+    f : HeatFilter
+    s : int
+        String.
     g : Finding
         Heat that was found; the greatest gap between surface and coolant is kept in it.
     gaps : ndarray (m,), K

@@ -300,7 +300,7 @@ class Verdict:
         if kind is Kind.FLOW:
             self._flowed_ns = now_ns
         if kind in (Kind.FLOW, Kind.LOAD, Kind.STREAM):
-            return []  # `_standing` judges the states of heat and films in every step; a flow may change
+            return []  # `_standing` judges the states of heat and films in every step; a step of the flow is no fault
         if kind is Kind.HEAT:
             tells = self._heats(new, sizes)
         else:
