@@ -15,7 +15,7 @@ from bms_gateway.diagnosis.calibrate import UNTOLD, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
-from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose, errors
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.error_words import falls, why_not
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.findings import tie_sentences
@@ -24,6 +24,7 @@ from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnosis.second_search import SecondSearch
+from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
 from bms_gateway.errors import ConfigError, DataError, UsageError, clipped, whole_number
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE

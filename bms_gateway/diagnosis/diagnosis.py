@@ -14,7 +14,7 @@ insufficient_data
     The records cannot show an effect at all.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -23,16 +23,15 @@ import numpy as np
 
 from bms_gateway.diagnosis.bounds import at_bound, believed_share
 from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
-from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
+from bms_gateway.diagnosis.candidates import INSTEAD
 from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
-from bms_gateway.diagnosis.core_band import core_moved, posterior
-from bms_gateway.diagnosis.error_words import course, falls, only_fitted, rises, why_not
+from bms_gateway.diagnosis.core_band import core_moved
+from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import (
     CHANCE,
-    Structure,
     log_density,
     noise_floor,
     rmse,
@@ -42,6 +41,8 @@ from bms_gateway.diagnosis.residuals import (
 )
 from bms_gateway.diagnosis.search import Progress, Search, search
 from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
+from bms_gateway.diagnosis.verdict_parts import Errors, Ranked, Selected, errors, numbers
+from bms_gateway.diagnosis.verdict_words import missing, nothing_missing, something_unknown
 from bms_gateway.diagnosis.wandering import more_than_rows
 from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Measured
@@ -65,66 +66,6 @@ INPUT_ONLY = (
     "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
     "catalogue's laws alone; look at R_e over temperature and charge, and at entropy."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A fitted number of an effect as people read it: value, standard deviation, unit."""
-
-    value: float
-    sd: float
-    unit: str
-
-
-@dataclass(frozen=True, slots=True)
-class Ranked:
-    """An effect in the ranking.
-
-    Attributes
-    ----------
-    effect : str
-    cell : int or None
-    heldout_rmse_K : float
-    evidence : float
-        Tempered log-odds against nothing.
-    share : float
-        Posterior probability of the effect within its round.
-    parameters : mapping of str to Number
-    tied_with : tuple of str
-        Effects that these records cannot tell from this one.
-    refused : str
-        Why it was refused; empty if it was not.
-    """
-
-    effect: str
-    cell: int | None
-    heldout_rmse_K: float
-    evidence: float
-    share: float
-    parameters: Mapping[str, Number]
-    tied_with: tuple[str, ...]
-    refused: str
-
-
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Root mean squares in K: trained readings, held-out readings, and what the noise alone would leave."""
-
-    train_rmse_K: float
-    heldout_rmse_K: float
-    noise_floor_K: float
-    structure: Structure
-
-
-@dataclass(frozen=True, slots=True)
-class Selected:
-    """An effect of the verdict, with the effects tied with it, and which of its numbers ends at a bound."""
-
-    candidate: Candidate
-    tied_with: tuple[str, ...]
-    parameters: Mapping[str, Number]
-    log_odds: float
-    bound: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,7 +250,7 @@ def judged(found: Search) -> Diagnosis:
     if verdict == "unknown_effect":
         said = partial(something_unknown, looks=looks)
         return Diagnosis(verdict, True, said, (), looks, ranking, base, base, found, more=rows)
-    told = partial(missing, selected=selected, remains=remains)
+    told = partial(missing, selected=selected, remains=remains, undecided=verdict == "undecidable")
     if verdict == "adequate":
         told = partial(nothing_missing, closest=base)
     return Diagnosis(verdict, remains, told, selected, (), ranking, base, final, found, more=rows)
@@ -361,9 +302,9 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         Errors(rmse(seen, stacked(seen.problem)[4]), held, floor, structure(f))
         for f, seen, held in zip((second.baseline, second.best), second.blocks, second.held_K, strict=True)
     )
-    predicted = f" Fitted to the first 60 %, it {course(*second.tail)} in the last 40 %."
+    predicted = f" Fitted to the first 60 %, the error in the last 40 % {course(*second.tail)}."
     if not falls(*second.tail) and second.known_K is not None:
-        predicted = predicted[:-1] + ", which holds charge that the first part does not."
+        predicted += " The last part holds charge that the first does not."
     names = tuple(c.candidate.name for c in second.chosen)
     selected = tuple(
         Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
@@ -404,27 +345,8 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         more += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
         more += f" The core is not known better by it: {' '.join(second.alarms)}"
-    told = partial(missing, selected=selected, remains=True, known_K=second.known_K)
+    told = partial(missing, selected=selected, remains=True, undecided=verdict == "undecidable", known_K=second.known_K)
     return Diagnosis(verdict, True, told, selected, (), ranking, base, after, first.search, second, second.alarms, more)
-
-
-def errors(fit: MapFit) -> Errors:
-    """Errors of a fit on trained and held-out readings."""
-    used = stacked(fit.problem)[4]
-    everything = np.ones_like(used)
-    return Errors(rmse(fit, used), rmse(fit, ~used), noise_floor(fit, everything), structure(fit))
-
-
-def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
-    """Numbers of one effect of a fit in the units shown to people; sd by the delta method if it is a logarithm."""
-    sd = np.sqrt(np.diag(posterior(fit)))
-    found = {}
-    for p in filter(c.is_free, c.effect.parameters):
-        i = fit.problem.index(f"{c.key}.{p.name}")
-        value = float(np.exp(fit.theta[i])) if p.log else float(fit.theta[i])
-        spread = value * float(sd[i]) if p.log else float(sd[i])
-        found[p.name] = Number(value / p.to_si, spread / p.to_si, p.unit)
-    return found
 
 
 def _ranked(t: Trial, trials: Sequence[Trial]) -> Ranked:
@@ -439,59 +361,3 @@ def _ranked(t: Trial, trials: Sequence[Trial]) -> Ranked:
     share, why = believed_share(t)
     c, held = t.candidate, rmse(t.fit, ~used)
     return Ranked(c.name, c.cell, held, t.log_odds, share, numbers(t.fit, c), tied, why)
-
-
-def named(c: Candidate) -> str:
-    """Return an effect as a sentence names it."""
-    place = "" if c.cell is None else f" (cell {c.cell})" if c.effect.place != "gap" else f" (after cell {c.cell})"
-    return f"{c.name}{place}: {c.effect.title}"
-
-
-def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noqa: ARG001 - as of the other verdicts
-    """Say that the model is adequate; `closest` are the errors of the judged fit."""
-    apart = falls(base.heldout_rmse_K, closest.heldout_rmse_K)
-    own = f" The numbers that are stated are held near what was known and leave {base.heldout_rmse_K:.2g} K."
-    return (
-        f"The model explains these readings: {(closest if apart else base).heldout_rmse_K:.2g} K on held-out blocks"
-        f"{', where it comes closest to them' if apart else ''}, noise {base.noise_floor_K:.2g} K. "
-        f"Nothing is missing that they could show.{own if apart else ''}"
-    )
-
-
-def something_unknown(base: Errors, after: Errors, looks: Sequence[str]) -> str:  # noqa: ARG001 - as above
-    """Say that an effect outside the catalogue is missing; `looks` are similar effects."""
-    like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
-    return (
-        f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
-        f"held-out blocks, noise {base.noise_floor_K:.2g} K.{like}"
-    )
-
-
-def missing(
-    base: Errors,
-    after: Errors,
-    *,
-    selected: Sequence[Selected],
-    remains: bool,
-    known_K: tuple[float, float] | None = None,
-) -> str:
-    """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown."""
-    held = base.heldout_rmse_K, after.heldout_rmse_K
-    names = " and ".join(named(s.candidate) for s in selected)
-    them = "it" if len(selected) == 1 else "them"
-    lead = "Perhaps missing" if only_fitted(held, known_K) else "Missing"
-    noise = f"(noise {base.noise_floor_K:.2g} K)"
-    text = f"{lead}: {names}. With {them} the error on held-out blocks {course(*held)} {noise}."
-    if not falls(*held) and known_K is not None and falls(*known_K):
-        text += (
-            " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
-            f"there; elsewhere it {course(*known_K)}."
-        )
-    elif not falls(*held):
-        text += f" These readings speak for {them} only where {'it was' if len(selected) == 1 else 'they were'} fitted."
-    for s in selected:
-        if s.bound:
-            text += f" {s.bound}, which is no proof of {s.candidate.key}: another cause may be behind it."
-        if s.tied_with:
-            text += f" These readings cannot tell {s.candidate.key} from {', '.join(s.tied_with)}."
-    return text + (" Something unknown remains." if remains else "")

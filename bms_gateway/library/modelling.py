@@ -12,12 +12,12 @@ from bms_gateway.diagnosis.compare import compare as compared
 from bms_gateway.diagnosis.core_band import CoreBand
 from bms_gateway.diagnosis.core_known import judged_model
 from bms_gateway.diagnosis.detect import absorbed
-from bms_gateway.diagnosis.diagnosis import errors
 from bms_gateway.diagnosis.filed import filed_fit
 from bms_gateway.diagnosis.findings import refit_sentences
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.records.read import read_measurements
 from bms_gateway.report.add_text import AddReport, add_document, add_text

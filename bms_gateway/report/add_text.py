@@ -10,9 +10,9 @@ from bms_gateway.diagnosis.calibrate import Change, ChannelError
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
-from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_parts import Errors
 from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import errors_document, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table

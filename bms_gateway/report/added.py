@@ -6,9 +6,9 @@ from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.calibrate import changes, channel_errors
 from bms_gateway.diagnosis.compare import core_checks
 from bms_gateway.diagnosis.core_known import KnownCore
-from bms_gateway.diagnosis.diagnosis import errors
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.report.add_text import AddReport, Side
 from bms_gateway.report.core_text import NOT_PROVEN
 

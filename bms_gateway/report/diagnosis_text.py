@@ -12,10 +12,11 @@ from bms_gateway.diagnosis.calibrate import Identified
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.curve import Curve
 from bms_gateway.diagnosis.detect import Card
-from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected, errors
+from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_parts import Errors, Number, Selected, errors
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
 from bms_gateway.report.step_names import REFITTED, with_added

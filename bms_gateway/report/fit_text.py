@@ -9,8 +9,8 @@ import numpy as np
 from bms_gateway.diagnosis.calibrate import UNIDENTIFIABLE, Change, ChannelError
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Combination
-from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_parts import Errors
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.report.core_text import core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import WITH_SD, closer_numbers, finite, told_aside, warned, with_sd

@@ -14,12 +14,13 @@ from bms_gateway.diagnosis.adding import Wanted
 from bms_gateway.diagnosis.candidates import candidates
 from bms_gateway.diagnosis.core_band import UNPROVEN, core_bands, half_width_K
 from bms_gateway.diagnosis.core_known import known_core
-from bms_gateway.diagnosis.diagnosis import Diagnosis, errors
+from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import refit
+from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.identify.map_fit import MapFit, fitted, refreshed, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel

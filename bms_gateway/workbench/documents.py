@@ -10,11 +10,12 @@ from bms_gateway.diagnosis.adding_bench import all_used, fit_with
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
 from bms_gateway.diagnosis.core_known import KnownCore, unlike, unseen
-from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, errors
+from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_parts import Errors, errors
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence

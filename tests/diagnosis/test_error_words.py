@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.diagnosis import Errors, judged, missing, nothing_missing
+from bms_gateway.diagnosis.diagnosis import judged
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.residuals import Structure
+from bms_gateway.diagnosis.verdict_parts import Errors
+from bms_gateway.diagnosis.verdict_words import missing, nothing_missing
 from bms_gateway.identify.map_fit import stacked
 from bms_gateway.report.html import verdict_tag
 from tests.diagnosis.decided import by_first

@@ -59,6 +59,8 @@ def test_an_effect_that_is_likelier_to_be_another_is_said_to_be_one_of_several()
     doubted = replace(sure, probability={**sure.probability, key: 0.11})
     said = judged_again(judged(d.search), doubted)
     assert said.verdict == "undecidable"
+    assert said.sentence.startswith("Something is missing, and these readings do not decide what. The likeliest: ")
+    assert "Missing:" not in said.sentence
     assert f"{key} is one of several: its probability is 11 %" in said.sentence
     assert next(r.share for r in said.ranking if r.effect == key) == 0.11
 
@@ -87,7 +89,7 @@ def test_before_and_after_are_told_by_the_yardstick_of_compare():
     seen = compare(model, [record]).refitted
     assert (d.baseline.train_rmse_K, d.baseline.heldout_rmse_K) == (seen.trained.rmse_K, seen.held.rmse_K)
     assert course(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K) in d.sentence
-    assert f"Fitted to the first 60 %, it {course(*d.second.tail)} in the last 40 %." in d.sentence
+    assert f"Fitted to the first 60 %, the error in the last 40 % {course(*d.second.tail)}." in d.sentence
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
     after = compare(add_effects(model, [record], wants, ask=lambda *_, **__: d).model, [record]).refitted
     assert (d.after.train_rmse_K, d.after.heldout_rmse_K) == (after.trained.rmse_K, after.held.rmse_K)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bms_gateway.diagnosis.calibrate import channel_errors
-from bms_gateway.diagnosis.diagnosis import errors
+from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side
 

@@ -8,10 +8,11 @@ import pytest
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.detect import Card, Detectable
-from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
+from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.residuals import Structure
+from bms_gateway.diagnosis.verdict_parts import Errors, Number, Selected
 from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, parts_of, reach, with_sd
 from bms_gateway.report.html_ranking import detectability_table, ranking_table
 from bms_gateway.thermal.effects import effect_named
