@@ -24,7 +24,7 @@ from bms_gateway.errors import OtherStatesError
 from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.identify import string_parameters
 from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
@@ -167,11 +167,10 @@ class Estimators:
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
         e = group.observed.step(readings, measured, y, age, of)
         square, inlet = group.observed.plainly(measured)
-        driven = measured if group.observed.shares else Driven(square, heat, inlet, flow)
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
         if group.watch is not None:
-            given = group.observed.by_cell(driven.heat)
-            tick = HeatTick(driven.square, given, I, driven.inlet, y, age, driven.flow)
+            square_seen, inlet_seen = (I2, measured.inlet) if group.observed.shares else (square, inlet)
+            tick = HeatTick(square_seen, I, inlet_seen, y, age, flow, heat)
             core, core_sd = self._watched(group, t1, tick, (core, core_sd), found)
             if core is not e.core:  # sensor fault, or heat of the cell: the warmer value counts
                 known = np.isfinite(e.core_sd)

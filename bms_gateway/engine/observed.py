@@ -72,10 +72,6 @@ class Observed(Protocol):
         """
         ...
 
-    def by_cell(self, heat: Floats) -> Floats | None:
-        """Heat of each cell (S, n), W, from the mean heat of a cell (S,); None if the observer computes it."""
-        ...
-
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Mean square current, A², and inlet, °C (S,), with which two plain nodes give the result of the last step."""
         ...
@@ -96,16 +92,13 @@ class PlainStrings:
         """Use the tick."""
         if of is not None:
             self.observer.surprise.assign(*of)
-        return self.observer.step(driven.square, self.by_cell(driven.heat), driven.inlet, y, age, driven.flow)
+        heat = driven.heat[:, None] * self.observer.share if self.by_voltage else None  # cells share it by their R_e
+        return self.observer.step(driven.square, heat, driven.inlet, y, age, driven.flow)
 
     @property
     def shares(self) -> Sequence[Share]:
         """Return none."""
         return ()
-
-    def by_cell(self, heat: Floats) -> Floats | None:
-        """Divide a string's heat among its cells by their R_e."""
-        return heat[:, None] * self.observer.share if self.by_voltage else None
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Return the square of the current and the inlet."""
@@ -153,9 +146,6 @@ class StringWithEffects:
     def shares(self) -> Sequence[Share]:
         """Return the share of its effects, if they do more than heat the cores."""
         return () if self.share is None else (self.share,)
-
-    def by_cell(self, heat: Floats) -> None:
-        """Return none: the heat from the voltage is an effect of the model (`voltage_heat`)."""
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Return the equivalents of its effects."""

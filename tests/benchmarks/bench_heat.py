@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from tests.benchmarks.heat_case import LAYOUTS, PACKS, Case, Made, make, model, with_seeds
 
 FIRST_SEED = 1000
@@ -54,7 +54,7 @@ def follow(made: list[Made]) -> list[Told]:
     count, age = np.zeros(S), np.zeros((S, case.cells))
     nothing = np.full((S, case.cells), np.nan)
     for k in range(case.seconds):
-        for s, f in watch.add((k + 1) * 10**9, HeatTick(I[:, k] ** 2, None, I[:, k], inlet[:, k], y[:, k], age)) or ():
+        for s, f in watch.add((k + 1) * 10**9, HeatTick(I[:, k] ** 2, I[:, k], inlet[:, k], y[:, k], age)) or ():
             if f.level:
                 alerts[s].append((k + 1, f.code, f.cell))
         if k >= case.at + 300 and k % 30 == 0:

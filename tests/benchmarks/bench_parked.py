@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from tests.benchmarks.heat_case import CELLS, SENSORS, Case, Made, make, model, with_seeds
 
 FIRST_SEED = 8000
@@ -54,9 +54,9 @@ def follow(
             watch.pass_time(gap, unseen=restarts)
         if speaks:
             heard = k
-            tick = current[:, k] ** 2, None, current[:, k], inlet[:, k], y[:, k], none
+            tick = current[:, k] ** 2, current[:, k], inlet[:, k], y[:, k], none
         else:
-            tick = silence, None, silence, silence, never, none
+            tick = silence, silence, silence, never, none
         for s, f in watch.add((k + 1) * 10**9, HeatTick(*tick)) or ():
             if f.level:
                 told[s].append((k + 1, f.code, f.cell))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.thermal import Prior, StringModel
 from tests.data import data_dir
 
@@ -118,7 +118,7 @@ def told(r: Record) -> list[tuple[float, str, str]]:
     for k in range(len(r.square)):
         if k in r.pauses:
             w.pass_time(None)
-        now = (r.square[k : k + 1], None, r.current[k : k + 1], r.inlet[k : k + 1], r.y[k : k + 1], age)
+        now = (r.square[k : k + 1], r.current[k : k + 1], r.inlet[k : k + 1], r.y[k : k + 1], age)
         out += [(k / 3600.0, f.code, f.text) for _, f in w.add(k * 10**9, HeatTick(*now)) or () if f.level]
     return out
 

@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.finding import Finding
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from tests.benchmarks import heat_case
 from tests.benchmarks.heat_case import CELLS, Case, model
 from tests.health.heat_runs import raised
@@ -29,7 +29,7 @@ def inlet_told(inlet: np.ndarray) -> list[tuple[int, int, str]]:
     y = 25.0 + np.random.default_rng(1).normal(0.0, 0.03, (len(inlet), 1, CELLS))
     nothing = np.zeros(1)
     for k in range(len(inlet)):
-        tick = HeatTick(nothing, None, nothing, inlet[k : k + 1], y[k], np.zeros((1, CELLS)))
+        tick = HeatTick(nothing, nothing, inlet[k : k + 1], y[k], np.zeros((1, CELLS)))
         told += [(k, f.level, f.text) for _, f in watch.add(k * 10**9, tick) or () if f.code == "inlet"]
     return told
 
@@ -54,7 +54,7 @@ def test_a_frozen_inlet_whose_frames_are_rare_stays_frozen_between_them() -> Non
     watch, seen = HeatWatch([model("small")], 1.0), set()
     y = 25.0 + np.random.default_rng(1).normal(0.0, 0.03, (len(every), 1, CELLS))
     for k in range(len(every)):
-        tick = HeatTick(np.zeros(1), None, np.zeros(1), every[k : k + 1], y[k], np.zeros((1, CELLS)))
+        tick = HeatTick(np.zeros(1), np.zeros(1), every[k : k + 1], y[k], np.zeros((1, CELLS)))
         watch.add(k * 10**9, tick)
         seen |= {f.text.split(" for ")[0] for f in watch.verdicts[0].findings}
     assert seen == {"the coolant inlet has read exactly the same"}
@@ -88,7 +88,7 @@ def test_a_step_of_an_unrecorded_flow_is_no_fault_of_a_cell_or_sensor(pack, flow
 def test_a_state_of_before_the_stream_is_taken_up_and_ends_no_alarm() -> None:
     first, y = HeatWatch([model("small")], 1.0), np.full((1, CELLS), 25.0)
     for k in range(600):
-        tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y + 1e-3 * (k % 2), np.zeros((1, CELLS)))
+        tick = HeatTick(np.zeros(1), np.zeros(1), np.full(1, 25.0), y + 1e-3 * (k % 2), np.zeros((1, CELLS)))
         first.add(k * 10**9, tick)
     g = Finding("unexplained_heat", 6, 2, 10**9, place=4, places=(4,), size=3.0)
     first.verdicts[0].take_up(g, 600 * 10**9)

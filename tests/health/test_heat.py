@@ -14,7 +14,7 @@ import pytest
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.course import missing
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
@@ -160,7 +160,7 @@ def fed(watch: HeatWatch, ticks: range) -> None:
     noise = rng.normal(0.0, 0.05, (ticks.stop, 1, CELLS))
     for k in ticks:
         y = 25.0 + noise[k]
-        watch.add(k * 10**9, HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS))))
+        watch.add(k * 10**9, HeatTick(np.zeros(1), np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS))))
 
 
 def test_what_was_learnt_of_cells_and_sensors_outlives_a_restart() -> None:
@@ -209,7 +209,7 @@ def test_readings_of_a_fire_break_nothing(seed: int) -> None:
         y[0, np.array(SENSORS) - 1] = rng.uniform(-40, 900, len(SENSORS)) if 300 < k < 600 else 25.0
         inlet = np.array([rng.uniform(-40, 120) if rng.random() < 0.2 else 25.0])
         flow = np.array([rng.choice([1.0, 1e-3, 40.0])])
-        watch.add(k * 10**9, HeatTick(400.0 * one, None, 20.0 * one, inlet, y, np.zeros((1, CELLS)), flow))
+        watch.add(k * 10**9, HeatTick(400.0 * one, 20.0 * one, inlet, y, np.zeros((1, CELLS)), flow))
         told = watch.told
         assert not np.isinf(told.heat).any()
         assert np.all(np.isnan(told.core_sd) | (told.core_sd >= 0.0))
@@ -228,8 +228,8 @@ def parked(watch: HeatWatch, surface: np.ndarray, hours: range, start_s: int = 0
             now = (start_s + 3600 * h + k + 1) * 10**9
             y = np.full((1, CELLS), np.nan)
             y[0, np.array(SENSORS) - 1] = (surface[h] + rng.normal(0.0, 0.05, CELLS))[np.array(SENSORS) - 1]
-            tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
-            found = watch.add(now, tick if k < 20 else HeatTick(silence, None, silence, silence, nothing, age))
+            tick = HeatTick(np.zeros(1), np.zeros(1), np.full(1, 25.0), y, age)
+            found = watch.add(now, tick if k < 20 else HeatTick(silence, silence, silence, nothing, age))
             told += [(h, f.code, f.cell) for _, f in found or () if f.level]
     return told
 
@@ -298,7 +298,7 @@ def test_heat_that_is_contradicted_is_told_as_it_was_believed_last() -> None:
     watch.pass_time(3000.0)
     for k in range(1200):  # it has gone
         y = 25.0 + rng.normal(0.0, 0.05, (1, CELLS))
-        tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
+        tick = HeatTick(np.zeros(1), np.zeros(1), np.full(1, 25.0), y, age)
         if watch.add((7 * 3600 + k) * 10**9, tick) is not None:
             told += [(f.low_ns, f.text) for f in watch.verdicts[0].findings]
     same = [a[1] == b[1] for a, b in pairwise(told) if b[0] is not None]
@@ -315,7 +315,7 @@ def test_a_thermocouple_is_not_named_as_what_else_it_could_be(fault: str, size: 
     current, inlet, y = (np.stack([getattr(x, k) for x in made]) for k in ("current", "inlet", "y"))
     texts = []
     for k in range(2400):
-        tick = HeatTick(current[:, k] ** 2, None, current[:, k], inlet[:, k], y[:, k], np.zeros((3, CELLS)))
+        tick = HeatTick(current[:, k] ** 2, current[:, k], inlet[:, k], y[:, k], np.zeros((3, CELLS)))
         texts += [f.text for _, f in watch.add((k + 1) * 10**9, tick) or () if f.code == "thermocouple"]
     assert texts
     for text in texts:
@@ -338,7 +338,6 @@ def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
         601 * 10**9,
         HeatTick(
             np.full(1, 25.0),
-            None,
             np.full(1, 5.0),
             np.full(1, 25.0),
             np.full((1, CELLS), 25.0),
@@ -369,7 +368,7 @@ def test_a_string_that_is_driven_off_as_the_bus_wakes_begins_anew() -> None:
         amps = np.full(1, 4.0 if driven else 0.0)
         y = 25.0 + 2.0 * driven + rng.normal(0.0, 0.05, (1, CELLS))
         now = (1800 * driven + k + 1) * 10**9
-        assert not watch.add(now, HeatTick(amps**2, None, amps, np.full(1, 25.0), y, np.zeros((1, CELLS))))
+        assert not watch.add(now, HeatTick(amps**2, amps, np.full(1, 25.0), y, np.zeros((1, CELLS))))
     assert watch.evidence.weigh().ln.max() < 5.0
 
 
@@ -385,7 +384,7 @@ def test_what_came_over_all_cells_in_a_sleep_is_no_fault(kelvin: float) -> None:
         left = kelvin * np.exp(-max(0, k - 900) / 700.0) * slept  # C R_u of these cells
         y = 25.0 + left + rng.normal(0.0, 0.05, (1, CELLS))
         now = (1800 * slept + k + 1) * 10**9
-        tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS)))
+        tick = HeatTick(np.zeros(1), np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS)))
         told += watch.add(now, tick) or []
     assert told == []
     assert watch.filter.running.all()
@@ -432,9 +431,7 @@ def test_a_lone_thermocouple_of_a_large_cell_at_rest_is_not_explained_away_by_it
         inlet = 25.0 + 0.001 * (k % 2) * one
         told += [
             (k - 3600, f.code, f.level)
-            for _, f in watch.add(
-                k * 10**9, HeatTick(current**2 * one, None, current * one, inlet, y, np.zeros((1, 1)))
-            )
+            for _, f in watch.add(k * 10**9, HeatTick(current**2 * one, current * one, inlet, y, np.zeros((1, 1))))
             or ()
         ]
     assert [code for _, code, _ in told] == ["unexplained_heat"]
@@ -454,7 +451,7 @@ def burning(seed: int) -> list[tuple[str, int | None, int, bool]]:
     n = y.shape[1]
     watch, told, zero, since = HeatWatch([model("small", n, tuple(range(1, n + 1)))], 1.0), [], np.zeros(1), 0
     for k, row in enumerate(y):
-        tick = HeatTick(zero, None, zero, np.full(1, 25.0 + 0.01 * (k % 2)), row[None, :], np.zeros((1, n)))
+        tick = HeatTick(zero, zero, np.full(1, 25.0 + 0.01 * (k % 2)), row[None, :], np.zeros((1, n)))
         since = k if row.max() >= 80.0 else since
         watch.verdicts[0].burning = hot = k - since < 30 and since > 0
         told += [(f.code, f.cell, f.level, hot) for _, f in watch.add(k * 10**9, tick) or ()]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds
 
@@ -28,7 +28,7 @@ def alone(seed: int, watts: float, seconds: int) -> list[tuple[int, int]]:
             surface += 0.2 * (flux - (surface - 25.0) / R_u) / LARGE["C_s"]
         y = np.full((1, 1), np.round((surface + rng.normal(0.0, 0.05)) * 10.0) / 10.0)
         inlet = 25.0 + 0.001 * (k % 2) * one
-        tick = HeatTick(current**2 * one, None, current * one, inlet, y, np.zeros((1, 1)))
+        tick = HeatTick(current**2 * one, current * one, inlet, y, np.zeros((1, 1)))
         told += [(k - ONSET_S, f.level) for _, f in watch.add(k * 10**9, tick) or () if f.code == "unexplained_heat"]
     return told
 
@@ -51,7 +51,7 @@ def heat_of(case: Case, seeds: range) -> list[list[tuple[int, int]]]:
     I, inlet, y = (np.stack([getattr(x, k) for x in made]) for k in ("current", "inlet", "y"))  # noqa: E741
     age, told = np.zeros((len(made), case.cells)), [[] for _ in made]
     for k in range(case.seconds):
-        tick = HeatTick(I[:, k] ** 2, None, I[:, k], inlet[:, k], y[:, k], age)
+        tick = HeatTick(I[:, k] ** 2, I[:, k], inlet[:, k], y[:, k], age)
         for s, f in watch.add((k + 1) * 10**9, tick) or ():
             if f.code == "unexplained_heat" and k >= case.at:
                 told[s].append((k + 1, f.level))

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.balances import Around, Balances, Unknown, coupling, even
 from bms_gateway.health.heat.filter import FALL, HeatFilter
-from bms_gateway.health.heat.heat_watch import HeatTick
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.reading_times import weights
 from tests.benchmarks.heat_case import CELLS, PACKS, SENSORS, Case, model
 from tests.health.heat_runs import raised
@@ -130,7 +130,7 @@ def test_on_perfect_data_of_its_own_model_the_cores_are_not_biased(seed: int, ti
     for k, amps in enumerate(current):
         y = np.full((1, CELLS), np.nan)
         y[0, AT[0]] = casing[max(0, k - shift), AT[0]] + rng.normal(0.0, 0.02, AT.size)
-        tick = HeatTick(amps**2 * one, None, amps * one, 25.0 * one, y, np.full((1, CELLS), late))
+        tick = HeatTick(amps**2 * one, amps * one, 25.0 * one, y, np.full((1, CELLS), late))
         now = watch.add(round((k + 1) * tick_s * 1e9), tick)
         told += now or []
         if now is not None and (k + 1) * tick_s > 900.0:

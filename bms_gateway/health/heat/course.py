@@ -19,6 +19,7 @@ that cools less. The third number is the ln prior of its fault."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
 """Ratio of the measured heat to that of the current. The current is not credible if the ratio plus so many sd is below
 the first number, and is credible again above the third."""
+DENIED_SURE = 1.0  # the sd that suffices where the voltage denies the current too
 COLD = -0.25
 """Least ratio that a wrong current can cause: below it, the cells are cooled by something else."""
 WARMS_K, WARMS_ALONE_K = 0.7, 2.8
@@ -96,6 +97,8 @@ class Course:
         Time for which the current has warmed the cells.
     apart : ndarray (S,)
         ln evidence on how much a cell with a thermocouple differs from the others.
+    denied : ndarray of bool (S,)
+        The voltage denies the current.
     """
 
     constant_inlet: Bools
@@ -117,6 +120,7 @@ class Course:
     unlike: Bools
     driven: Floats
     apart: Floats
+    denied: Bools
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -142,6 +146,7 @@ class Course:
             unlike=np.zeros(S, np.bool_),
             driven=np.zeros(S),
             apart=np.zeros(S),
+            denied=np.zeros(S, np.bool_),
         )
 
     @property
@@ -225,12 +230,16 @@ class Course:
         grown = self.grown(f)
         usual = heard & ~self.cooling & (grown < COOLING_BACK)
         self.film = np.where(usual, self.film + (film - self.film) * min(1.0, dt / FLOW_USUAL_S), self.film)
-        absent = self.warms & missing(made, np.sqrt(made_var))
+        absent = self.warms & missing(made, np.sqrt(made_var), self.denied)
         slower = (grown > COOLING) & (film - self.film > FLOW_SURE * film_sd)
         frozen = (self.frozen * dt >= FROZEN_S) & ~self.constant_inlet & (np.abs(off - self.frozen_at) > FROZEN_K)
         return np.asarray(absent | slower | frozen | self.stuck, dtype=np.bool_)
 
 
-def missing(share: Floats | float, sd: Floats | float) -> Bools:
-    """Whether the current makes so small a share of its heat (S,), with its sd, that it is not credible."""
-    return np.asarray((share + MISSING_SURE * sd < MISSING) & (share + MISSING_SURE * sd > COLD), dtype=np.bool_)
+def missing(share: Floats | float, sd: Floats | float, denied: Bools | bool = False) -> Bools:
+    """Whether the current makes so small a share of its heat (S,), with its sd, that it is not credible.
+
+    `denied`: the voltage denies the current, too.
+    """
+    most = share + np.where(denied, DENIED_SURE, MISSING_SURE) * sd
+    return np.asarray((most < MISSING) & (most > COLD), dtype=np.bool_)

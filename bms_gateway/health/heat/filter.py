@@ -199,6 +199,19 @@ class HeatFilter:
         self.P[s, : at.nodes, : at.nodes] = self._start
         self.open[s], self.running[s] = False, False
 
+    def unlearn(self, s: int) -> None:
+        """Set the states of string `s` but the temperatures to those of an unknown sound string.
+
+        Temperatures of cells with a thermocouple follow its reading, which the offset of the thermocouple explained.
+        """
+        at = self.at
+        T, off = slice(at.nodes), np.zeros(at.nodes)
+        off[2 * at.sensors[s]] = off[2 * at.sensors[s] + 1] = np.where(at.fitted[s], self.z[s, at.bias], 0.0)
+        z, P = self.z[s, T] + off, self.P[s, T, T].copy()
+        self._forget(s)
+        self.z[s, T], self.P[s, T, T] = z, P + np.diag(np.square(off))
+        self.running[s] = True
+
     def begin(self, s: int, level: float) -> None:
         """Start the temperatures of string `s` at about `level`, °C; the other states are kept."""
         T = slice(self.at.nodes)
@@ -350,6 +363,12 @@ class HeatFilter:
         """Shift the states of string `s` along a direction (N,) by `amplitude`, which has the variance `var`."""
         self.z[s] += along * amplitude
         self.P[s] += var * np.outer(along, along)
+
+    def doubt_offset(self, s: int, place: int, residual: float) -> None:
+        """Let thermocouple `place` of string `s`, which is used again, have an offset of about this size, K."""
+        i = self.at.bias.start + place
+        self.P[s, i, :], self.P[s, :, i] = 0.0, 0.0
+        self.P[s, i, i] = self.usual.sd[s, i] ** 2 + residual**2
 
     def open_heat(self, s: int, k: int, watts: float) -> None:
         """Allow unexplained heat in the `k`-th observed cell from now on."""

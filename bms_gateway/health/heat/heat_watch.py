@@ -6,7 +6,7 @@ All strings of a group step together, counted in ticks, so that the result does 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,14 +14,17 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import LATE_S, ONE_FAULT_S, Evidence, Kind, Weighed
-from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
+from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.positive import not_cooled
 from bms_gateway.health.heat.reading_times import merged, weights
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
+from bms_gateway.health.heat.voltage_witness import VoltageWitness
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
@@ -83,32 +86,6 @@ class Share(Protocol):
         The step that ends now has `ticks` ticks; those of the previous step come first.
         """
         ...
-
-
-class HeatTick(NamedTuple):
-    """One tick of S strings of n cells, as input of the watch.
-
-    Attributes
-    ----------
-    square : ndarray (S,), A²
-        Mean square of the current; NaN if unknown.
-    heat : ndarray (S, n), W, or None
-        Heat known otherwise, as from the voltage; NaN for I²R_e.
-    current, inlet : ndarray (S,), A, °C
-        NaN if unknown.
-    y, age : ndarray (S, n), °C, s
-        New readings, NaN for none, and their age.
-    flow : ndarray (S,), optional
-        Over nominal flow.
-    """
-
-    square: Floats
-    heat: Floats | None
-    current: Floats
-    inlet: Floats
-    y: Floats
-    age: Floats
-    flow: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +163,7 @@ class HeatWatch:
         self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._sensors = Thermocouples(S, m)
+        self._witness = VoltageWitness.of(CALM_RATE * self.filter.balances.C.mean(axis=1))
         self._rest, self._now_ns = Rest.of(S), 0
         self._blind = np.zeros(S, np.bool_)
         self._seen = _Seen(np.ones((S, m), np.bool_), np.zeros((S, m)), np.zeros(S, np.bool_))
@@ -268,9 +246,6 @@ class HeatWatch:
         """Heat of the ticks (L, S, n), W, and mean current (S,), A; which strings (S,) had ticks without both."""
         square = np.stack([t.square for t in self._ticked])
         heat = square[:, :, None] * (self.filter.balances.R_e * self.filter.falls)
-        if any(t.heat is not None for t in self._ticked):
-            given = np.stack([np.full(heat.shape[1:], np.nan) if t.heat is None else t.heat for t in self._ticked])
-            heat = np.where(np.isnan(given), heat, given)
         known = np.isfinite(heat)
         current = np.stack([t.current for t in self._ticked])
         heat = np.tensordot(self._grid.merged, np.where(known, heat, 0.0), 1)
@@ -282,6 +257,7 @@ class HeatWatch:
         read = np.stack([t.y for t in self._ticked])[sensors]
         ages = np.stack([t.age for t in self._ticked])[sensors]
         (y, R), (heat, current, unknown) = self._sensors.take(read), self._heats()
+        self.course.denied = self._witness.take(heat.mean(axis=(0, 2)), [t.by_voltage for t in self._ticked], f.dt)
         when = weights(read, ages, self._grid.tick_s, len(self._grid.merged))
         read_inlet = np.asarray(np.isfinite([t.inlet for t in self._ticked]).any(axis=0), np.bool_)
         self._ticked = []
@@ -413,6 +389,7 @@ class HeatWatch:
         found = []
         for v in self.verdicts:
             v.read, v.gaps, v.cools = self._seen.used[v.s], self._seen.gaps[v.s], bool(self._seen.cools[v.s])
+            v.age_s = float(self._age[v.s])
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # without a reading, a finding neither begins nor ends
             if of_note[v.s] or v.findings:
@@ -426,7 +403,8 @@ class HeatWatch:
         S, n = at.strings, at.cells
         heat, sd, core, core_sd = np.full((4, S, n), np.nan)
         h = np.arange(at.heat.start, at.heat.stop)
-        value, var = f.z[:, h].copy(), f.P[:, h, h] + np.square(self.evidence.resolution(SEEN_S))
+        seen = np.square(self.evidence.resolution(SEEN_S))
+        value, var = f.z[:, h].copy(), f.P[:, h, h] + seen
         top = w.ln.max(axis=(1, 2)) / self.course.doubt
         some = False
         for v in self.verdicts:
@@ -435,6 +413,9 @@ class HeatWatch:
             if not f.running[s] or not (suspect or v.findings):
                 continue
             z, P = f.z[s], f.P[s]
+            if f.open[s].any():
+                z, P = not_cooled(z, P, h[f.open[s]])
+                value[s], var[s] = z[h], P[h, h] + seen[s]
             mean, more = z.copy(), np.zeros(at.nodes)
             if suspect:
                 _, of_note = suspicion(v, w)

@@ -8,6 +8,7 @@ from bms_gateway.health.heat.fault_evidence import OLDEST_READ, SLOPE_S, Evidenc
 from bms_gateway.health.heat.filter import OWN_FIRST, HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.thermal import Floats
 
 LITTLE_JUMP, LITTLE_S = 1.0, 180.0
 """K, s: a thermocouple that comes off while its cell warms seems to jump downwards repeatedly, and then to show heat. A
@@ -17,6 +18,11 @@ LEAST_DRIFT = 0.5
 UNTOLD = 3.0
 """ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
 the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
+DRIFT_LN, DRIFT_S = 3.5, 1800.0
+"""ln by which heat and a drift of its thermocouple must differ for a report; s, after which the likelier is
+reported."""
+LAG_LN, LAG_TOLD_S = 6.0, 240.0
+"""The same for a thermocouple that came off and heat: heat looks like a lag in its first minutes."""
 PROVEN_K = 4.0
 """K: a cell with heat whose surface is so far above the median of its string does heat, for any fault of the
 sensors."""
@@ -100,3 +106,27 @@ def known(e: Evidence, s: int, w: Weighed, place: int, told: Sequence[Finding]) 
             if same.any():
                 return int(np.where(same, ln, -np.inf).argmax())
     return None
+
+
+def early(e: Evidence, s: int, E: Floats, fault: int, onset: int) -> bool:
+    """Return whether a thermocouple of string `s` seems to have come off so recently that its cell may heat instead.
+
+    `E` (H,) is the ln probability of each fault.
+    """
+    if e.kinds[fault] != Kind.LAG or e.ages(s)[onset] >= LAG_TOLD_S:
+        return False
+    heat = (e.kinds == Kind.HEAT) & (e.group[s] == e.group[s, fault])
+    return bool(E[heat].max() > E[fault] - LAG_LN)
+
+
+def undecided(e: Evidence, s: int, E: Floats, fault: int, onset: int) -> bool:
+    """Return whether more readings can separate heat from a thermocouple's drift: for some minutes they look alike.
+
+    Few readings cannot: heat is the more dangerous of the two (`may_be_heat`). `E` (H,) is the ln probability of each
+    fault.
+    """
+    rival = {Kind.HEAT: Kind.SLOPE, Kind.SLOPE: Kind.HEAT}.get(Kind(int(e.kinds[fault])))
+    if rival is None or e.ages(s)[onset] > DRIFT_S or e.reads(s, onset) < OLDEST_READ:
+        return False
+    same = (e.kinds == rival) & (e.group[s] == e.group[s, fault])
+    return bool(E[same].max() > E[fault] - DRIFT_LN)

@@ -19,40 +19,35 @@ from bms_gateway.health.heat.course import (
     MISSING_BACK,
     MUCH,
     SLOW_S,
-    SOUND_INLET,
     Course,
     missing,
 )
-from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
-from bms_gateway.health.heat.proven import known, may_be_else, may_be_heat, proven, watched
+from bms_gateway.health.heat.prior_odds import ln_prior
+from bms_gateway.health.heat.proven import early, known, may_be_else, may_be_heat, proven, undecided, watched
 from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.health.heat.shared_heat import share_out
+from bms_gateway.health.heat.slips import COLDER_S, as_found, failed_since, heats_at, left_by
 from bms_gateway.thermal import Floats
 
 SURE = 12.0
 """Least ln evidence at which heat is accepted: about 5 sd, because each step tests a few dozen faults and onsets."""
 ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 7.0, Kind.STREAM: 9.0}
 """The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
+LOAD_DENIED = 2.0  # the same for missing heat of the current, where the voltage denies the current too
 ALONE, ALONE_HEAT = 0.95, 0.998
 """Least probability of a cause that is reported at once. It is higher for heat, because a thermocouple that comes off
 while its cell cools looks like heat for a minute."""
 WAIT_S = 180.0
 """Time after which a certain fault with several possible causes is reported with the likeliest of them."""
-DRIFT_LN, DRIFT_S = 3.5, 1800.0
-"""ln by which heat and a drift of its thermocouple must differ for a report; s, after which the likelier is
-reported."""
-LAG_LN, LAG_TOLD_S = 6.0, 240.0
-"""The same for a thermocouple that came off and heat: heat looks like a lag in its first minutes."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """Time for which a cause must have been the likeliest before it is reported; the second is for films and inlet."""
-USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.STREAM: 4.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
-"""ln prior of a change in a sound pack, compared with that of a fault."""
 LEAST_SHARE, ALONE_SHARE = 0.1, 3.0
 """Least heat that is a fault besides `LEAST_RATE`, as a share of the heat by the cell's current. The second number
 holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
@@ -69,6 +64,9 @@ COOLED_LN = 5.0
 reported: cells that are cooled more look like cells that make less heat."""
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
+YOUNG_S = 900.0
+"""s since a start, in which cells and thermocouples that differ by more than those of one string do mean that the state
+was found with a fault."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
@@ -90,6 +88,8 @@ class Verdict:
         Surfaces over the coolant, at the thermocouples, in the last step.
     cools : bool
         Whether no current flows and all thermocouples fall: few thermocouples then cannot show heat.
+    age_s : float
+        s since the state was found anew.
     burning : bool
         Whether a surface of the string is over its limit, or a cell runs away: heat of the string has then not ended.
     """
@@ -104,6 +104,7 @@ class Verdict:
     read: Bools = field(init=False)
     gaps: Floats = field(init=False)
     cools: bool = False
+    age_s: float = 0.0
     burning: bool = False
     _proven: bool = False
     _stands: int = 0
@@ -153,12 +154,12 @@ class Verdict:
         list of Finding
             New findings, and those that have ended (level 0).
         """
-        told = self._prove(now_ns) + self._followed(now_ns)
+        told = self._prove(now_ns) + self._followed(now_ns) + self._left(now_ns)
         if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
             self.evidence.forget(self.s)
             return told
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
-        if each.max() < min(ENOUGH.values()):
+        if each.max() < LOAD_DENIED:
             self._stands = 0
         else:
             told += self._weighed(each, w, now_ns)
@@ -186,7 +187,7 @@ class Verdict:
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
-        E = each + self.usual()
+        E = each + ln_prior(self.evidence, self.course, self.s)
         if self.of.usual.alone[self.s]:
             hold_films(E, w, self.evidence, self.s)
         if self._proven:
@@ -195,7 +196,7 @@ class Verdict:
             E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
-        if each[best] < ENOUGH.get(kind, SURE):
+        if each[best] < (LOAD_DENIED if kind is Kind.LOAD and self.course.denied[self.s] else ENOUGH.get(kind, SURE)):
             self._stands = 0
             return []
         self._stands += 1
@@ -225,46 +226,18 @@ class Verdict:
         # under load, no thermocouple is reported with a poor model: heat is not reported instead of it
         loaded = not bool(self.of.calm[self.s])
         waited = waited and not (kind is Kind.HEAT and loaded and self.course.poor[self.s])
-        waited = waited and not self._undecided(E, best, onset)
+        waited = waited and not undecided(self.evidence, self.s, E, best, onset)
         sure = alone >= (ALONE_HEAT if kind is Kind.HEAT else ALONE)
         sure = sure and held >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
-        if self._early(E, best, onset) or not (sure or waited):
+        if early(self.evidence, self.s, E, best, onset) or not (sure or waited):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
-
-    def _early(self, E: Floats, fault: int, onset: int) -> bool:
-        """Return whether a thermocouple seems to have come off, but so recently that its cell may heat instead."""
-        e, s = self.evidence, self.s
-        if e.kinds[fault] != Kind.LAG or e.ages(s)[onset] >= LAG_TOLD_S:
-            return False
-        heat = (e.kinds == Kind.HEAT) & (e.group[s] == e.group[s, fault])
-        return bool(E[heat].max() > E[fault] - LAG_LN)
-
-    def _undecided(self, E: Floats, fault: int, onset: int) -> bool:
-        """Return whether more readings can separate heat from a thermocouple's drift: for some minutes they look alike.
-
-        Few readings cannot: heat is the more dangerous of the two (`may_be_heat`).
-        """
-        e, s = self.evidence, self.s
-        rival = {Kind.HEAT: Kind.SLOPE, Kind.SLOPE: Kind.HEAT}.get(Kind(int(e.kinds[fault])))
-        if rival is None or e.ages(s)[onset] > DRIFT_S or e.reads(s, onset) < OLDEST_READ:
-            return False
-        same = (e.kinds == rival) & (e.group[s] == e.group[s, fault])
-        return bool(E[same].max() > E[fault] - DRIFT_LN)
 
     def _hidden(self, now_ns: int) -> Bools:
         """Return which onsets are before the end of the last sleep."""
         if self.woke_ns is None:
             return np.zeros(ONSETS, np.bool_)
         return self.evidence.ages(self.s) > self._lasted(self.woke_ns, now_ns)
-
-    def usual(self) -> Floats:
-        """Return the ln prior of each fault (H,)."""
-        usual = np.array([USUAL.get(Kind(k), 0.0) for k in self.evidence.kinds])
-        c, s = self.course, self.s
-        if not (c.frozen[s] * self.of.dt >= FROZEN_S or c.constant_inlet[s] or c.leapt[s] > 0):
-            usual[self.evidence.kinds == Kind.INLET] = SOUND_INLET
-        return usual
 
     def _accept(
         self,
@@ -289,10 +262,16 @@ class Verdict:
             return self._accept(again, int(w.ln[s, :, again].argmax()), w, share, sure, now_ns)
         age_s = float(self.evidence.ages(s)[onset])
         sizes = {place: amplitude}
+        slips = kind is Kind.JUMP and amplitude < 0.0 and heats_at(self.findings, int(f.at.sensors[s, place]))
         if kind is Kind.HEAT:
+            if self.age_s < YOUNG_S and self.course.unlike[s] and not self.hot:  # the state was found with this heat
+                f.unlearn(s)
             sizes = share_out(f, self.evidence, self.course, s, w, fault)
         else:
+            bias = f.z[s, f.at.bias].copy()
             f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
+            if slips:  # its readings are compared with what it read before
+                f.z[s, f.at.bias] = bias
         self.evidence.forget(s)
         self._stands = 0
         new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
@@ -304,7 +283,7 @@ class Verdict:
         if kind is Kind.HEAT:
             tells = self._heats(new, sizes)
         else:
-            tells = self._is_off(new) if kind is Kind.INLET else self._fails(new)
+            tells = self._is_off(new) if kind is Kind.INLET else self._fails(new, slips=slips)
         if not tells:
             return []
         self.findings.append(new)
@@ -329,13 +308,17 @@ class Verdict:
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
         return not any(g.code == new.code and place in g.places for g in self.findings)
 
-    def _fails(self, new: Finding) -> bool:
-        """Make a finding of a thermocouple's fault, if it is large enough; all but a jump set it aside."""
+    def _fails(self, new: Finding, *, slips: bool) -> bool:
+        """Make a finding of a thermocouple's fault, if it is large enough; all but a jump set it aside.
+
+        A thermocouple that `slips`, a jump downwards on a cell that heats, is set aside, too: more will follow.
+        """
         s, place = self.s, new.place
         new.code, new.cell = "thermocouple", int(self.of.at.sensors[s, place]) + 1
         if new.kind is Kind.JUMP:
             if abs(new.size) < max(LEAST_JUMP, COARSE * float(self.course.fine[s, place])):
                 return False
+            self.aside[place] = slips
         else:
             self.aside[place] = True
         self.findings = [g for g in self.findings if (g.code, g.cell) != (new.code, new.cell)]
@@ -349,6 +332,23 @@ class Verdict:
         new.code, new.size = "inlet", off
         far = abs(off) > INLET_OFF and abs(off) > INLET_SURE * sd
         return bool(still or far) and not any(g.code == new.code for g in self.findings)
+
+    def _left(self, now_ns: int) -> list[Finding]:
+        """Set thermocouples aside that have left a cell while it heats."""
+        told = []
+        for g in [g for g in self.findings if g.code == "unexplained_heat"]:
+            place = left_by(self.of, self.s, g, ~self.aside)
+            g.colder_ns = None if place is None else g.colder_ns or now_ns
+            if place is None or self._proven or not self._held(g.colder_ns, now_ns, COLDER_S):
+                continue
+            new = Finding("", None, 1, g.colder_ns or now_ns, kind=Kind.LAG, place=place, size=1.0)
+            self._fails(new, slips=True)
+            as_found(self.of, self.s, g)
+            self.evidence.forget(self.s)
+            self.findings.append(new)
+            self._write(new, now_ns)
+            told.append(new)
+        return told
 
     def _followed(self, now_ns: int) -> list[Finding]:
         """Update the findings; return those that have ended."""
@@ -366,10 +366,11 @@ class Verdict:
         """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
-            low = has_ended(f, s, g, self.gaps)
-            seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
-            return self._quiet(g, now_ns, low and seen, ENDED_S)
-        if g.kind is Kind.JUMP:
+            low = g.colder_ns is None and has_ended(f, s, g, self.gaps)
+            failed = failed_since(self.findings, g, len(self.aside))
+            seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.read & ~failed)
+            return self._quiet(g, now_ns, low and seen and not self.burning, ENDED_S)
+        if g.kind is Kind.JUMP and not self.aside[g.place]:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
         if g.code == "thermocouple":
             return self._quiet(g, now_ns, not self.aside[g.place] or self._near(g), QUIET_S)
@@ -396,6 +397,7 @@ class Verdict:
             self.evidence.forget(self.s)
         elif g.code == "thermocouple" and self.aside[g.place]:
             self.aside[g.place] = False
+            self.of.doubt_offset(self.s, g.place, float(self._residual[g.place]))
             self.evidence.forget(self.s)
         elif g.code == "cooling":
             self.course.cooling[self.s] = False
@@ -442,7 +444,7 @@ class Verdict:
         # a model with this result would need a current that cools
         warms = warms and float(f.made()[0][s]) > COLD
         warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
-        if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
+        if "missing_heat" not in codes and warms and missing(share, sqrt(var), bool(self.course.denied[s])):
             new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
         grown = self._grown()
