@@ -97,9 +97,11 @@ class Alerting:
         if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):
             new = self.runaway.told
             told = [Notice(t1, Level.WARNING, "runaway", c.text, c.string, c.cell) for c in new]
+        any_runaway = bool(self.runaway.latched.any())
         for s in self._estimators.strings:
             s.hot = self.limits.over(s.mine)
-            s.runaway = bool(self.runaway.latched[s.mine].any())
+            s.fire = tuple(np.flatnonzero(self.runaway.latched[s.mine]).tolist()) if any_runaway else ()
+            s.runaway = bool(s.fire)
             s.burning = s.runaway or self.limits.measured_over(s.mine)
         return told
 

@@ -176,16 +176,21 @@ class Estimators:
             if core is not e.core:  # sensor fault, or heat of the cell: the warmer value counts
                 known = np.isfinite(e.core_sd)
                 more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
-                centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more)
+                # the band also contains the cooler value
+                cooler = np.fmax(e.core - core, 0.0)
+                centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more + cooler**2)
         felt = y > centre + ABOVE_K
         if felt.any():  # an accepted reading is the temperature of a point of the cell
             centre = np.where(felt, y, centre)
         cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, square, dt))
-        quality = group.doubtful(group.quality(readings), cold)
+        own = group.quality(readings)
+        quality = group.doubtful(own, cold)
         if group.doubt is not None:
             core_sd = np.hypot(core_sd, group.doubt * (core - surface))
             centre_sd = np.hypot(centre_sd, group.doubt * (centre - surface))
         usable = core_sd <= AVAILABLE_SD_K
+        if (burnt := group.burnt(own)) is not None:
+            usable &= ~burnt
         if not usable.all():
             newest.withhold(group.put, usable, core, centre, centre_sd)
             core, core_sd, surface, centre, centre_sd = (

@@ -139,13 +139,40 @@ class Group:
         worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
         return np.where(worse, current[:, None], own)
 
+    def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+        """Mark cells (S, n) that no number of the model describes: a cell that has run away, and its neighbours.
+
+        A cell with a good reading of its own is not marked. `own` is the `quality`. None: no cell has run away.
+        """
+        if not any(s.fire for s in self.strings):
+            return None
+        found = np.zeros(own.shape, np.bool_)
+        for j, s in enumerate(self.strings):
+            for k in s.fire:
+                found[j, max(k - 1, 0) : k + 2] = True
+        marked: NDArray[np.bool_] = found & (own != GOOD)
+        return marked
+
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for `cold` cores."""
+        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for some single cells.
+
+        These are `cold` cores, and cells whose thermocouple is reported to be wrong.
+        """
         doubted = [bool(s.doubts) for s in self.strings]
-        if cold is None and not any(doubted):
+        wrong = [
+            (j, f.cell - 1)
+            for j, s in enumerate(self.strings)
+            for f in s.health.heat
+            if f.code == "thermocouple" and f.cell
+        ]
+        if cold is None and not wrong and not any(doubted):
             return quality
         trusted = (quality == GOOD) | (quality == ESTIMATED)
-        without = np.array(doubted)[:, None] if cold is None else np.array(doubted)[:, None] | cold
+        without = np.repeat(np.array(doubted)[:, None], self.cells, axis=1)
+        if cold is not None:
+            without |= cold
+        for place in wrong:
+            without[place] = True
         return np.where(trusted & without, DOUBTFUL, quality)
 
 

@@ -328,8 +328,9 @@ class Limits:
     def _over(self, what: str, limit: Limit, name: str, part: slice) -> Condition:
         over = np.flatnonzero(limit.over[part]) + part.start
         known = self._now_s - limit.last_s <= self._unseen_s
-        if limit is self.core:  # a surface that fell too fast is still read, though it ends no alarm
-            known |= self.surface.fallen & np.isfinite(self._points.value)
+        if limit is self.core:  # an estimate or a surface that fell too fast is still there, though it ends no alarm
+            p = self._points
+            known |= ((p.trusted & ~self.lost) | self.surface.fallen) & np.isfinite(p.value)
         seen = over[known[over]]
         unseen = not len(seen)
         among = over if unseen else seen
@@ -343,7 +344,10 @@ class Limits:
                 now += f", was above the limit and is not known to be {COOLER_K:g} K below it"
         elif np.isfinite(self._points.value[at]):
             p = self._points
-            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (95 %; core {p.core[at]:.1f} °C)"
+            value, sd, core = (float(x[at]) for x in p[:3])
+            now = f" is {value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
+            if sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
+                now = f" is about {value:.0f} °C and not known to {AVAILABLE_SD_K:g} K (core about {core:.0f} °C)"
             if p.value[at] < limit.limit:
                 now += ", was above the limit and is not known to be below it again"
         else:
