@@ -68,6 +68,8 @@ class Sensed:
         `Confirm` accepts the reading; None: nothing was confirmed or refused.
     broken : ndarray of bool (N,), optional
         The sensor itself is at fault and not only silent; None: all that failed are.
+    wrong : ndarray of bool (N,), optional
+        The sensor reads, but is reported to be wrong: it ends no alarm.
     """
 
     good: Floats
@@ -76,6 +78,7 @@ class Sensed:
     raw: Floats | None = None
     confirmed: Bools | None = None
     broken: Bools | None = None
+    wrong: Bools | None = None
 
 
 class Points(NamedTuple):
@@ -265,6 +268,8 @@ class Limits:
         if not quiet and surface.over.any():
             self._broke |= surface.over & (sensed.failed if sensed.broken is None else sensed.broken)
         ends = read & ~self.lost  # a sensor that failed in heat ends no alarm before a person has looked
+        if sensed.wrong is not None:
+            ends &= ~sensed.wrong
         surface.update(now_s, sensed.good, ends, confirmed=sensed.confirmed, broke=self._broke)
         self._broke &= surface.over & ~read
         trusted = points.trusted & ~surface.over & ~surface.fallen & ~self.lost
