@@ -140,17 +140,19 @@ class Group:
         return np.where(worse, current[:, None], own)
 
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
-        """Mark cells (S, n) that no number of the model describes: a cell that has run away, and its neighbours.
+        """Mark cells (S, n) that no number of the model describes.
 
-        A cell with a good reading of its own is not marked. `own` is the `quality`. None: no cell has run away.
+        These are a cell that has run away, and its neighbours without a good reading of their own. `own` is the
+        `quality`. None: no cell has run away.
         """
         if not any(s.fire for s in self.strings):
             return None
-        found = np.zeros(own.shape, np.bool_)
+        marked = np.zeros(own.shape, np.bool_)
         for j, s in enumerate(self.strings):
             for k in s.fire:
-                found[j, max(k - 1, 0) : k + 2] = True
-        marked: NDArray[np.bool_] = found & (own != GOOD)
+                beside = slice(max(k - 1, 0), k + 2)
+                marked[j, beside] |= own[j, beside] != GOOD
+                marked[j, k] = True
         return marked
 
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
