@@ -158,6 +158,7 @@ class Estimators:
         dt, newest = self._dt, self.newest
         I, I2, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
+        believed = group.believed(y)
         flow = None if group.nominal_flow is None else readings.slow["coolant_flow"][group.rows] / group.nominal_flow
         heat = group.unknown
         if group.voltage:
@@ -165,7 +166,7 @@ class Estimators:
             heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
         measured = Driven(I2, heat, inlet, flow)
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
-        e = group.observed.step(readings, measured, y, age, of)
+        e = group.observed.step(readings, measured, believed, age, of)
         square, inlet = group.observed.plainly(measured)
         driven = measured if group.observed.shares else Driven(square, heat, inlet, flow)
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
@@ -208,7 +209,7 @@ class Estimators:
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.slow["soc"][group.rows], dt + self._gap_s
-        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
+        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, believed, age, cells)
         jobs += [(group.members[j], job) for j, job in group.backlog.add(heard)]
         group.errors = e.errors
         return e.errors.mean_square()

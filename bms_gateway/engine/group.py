@@ -139,6 +139,27 @@ class Group:
         worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
         return np.where(worse, current[:, None], own)
 
+    def believed(self, y: Floats) -> Floats:
+        """Return the surfaces (S, n) without those of thermocouples that are reported to be wrong.
+
+        They stay if fewer than half of the string's thermocouples would be left: then the model is in doubt.
+        """
+        if not (wrong := self._wrong()):
+            return y
+        believed = y.copy()
+        for place in wrong:
+            believed[place] = np.nan
+        for j in {j for j, _ in wrong}:
+            sensors = len(self.strings[j].plan.model.sensors)
+            if 2 * sum(i == j for i, _ in wrong) > sensors:
+                believed[j] = y[j]
+        return believed
+
+    def _wrong(self) -> list[tuple[int, int]]:
+        """List strings and 0-based cells whose thermocouple is reported to be wrong."""
+        heard = ((j, f) for j, s in enumerate(self.strings) for f in s.health.heat)
+        return [(j, f.cell - 1) for j, f in heard if f.code == "thermocouple" and f.cell is not None]
+
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Mark cells (S, n) that no number of the model describes.
 
@@ -161,12 +182,7 @@ class Group:
         These are `cold` cores, and cells whose thermocouple is reported to be wrong.
         """
         doubted = [bool(s.doubts) for s in self.strings]
-        wrong = [
-            (j, f.cell - 1)
-            for j, s in enumerate(self.strings)
-            for f in s.health.heat
-            if f.code == "thermocouple" and f.cell
-        ]
+        wrong = self._wrong()
         if cold is None and not wrong and not any(doubted):
             return quality
         trusted = (quality == GOOD) | (quality == ESTIMATED)

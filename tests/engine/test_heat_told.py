@@ -4,41 +4,22 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine.conditions import of_strings
-from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Estimated, Notice
-from bms_gateway.engine.plan import Plan, StringPlan
-from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Severity
 from bms_gateway.health.heat import Finding, HeatWatch
-from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model
+from tests.benchmarks.heat_case import CELLS, SENSORS, Case
+from tests.engine.case_runs import SECOND, readings, through
 from tests.engine.doubtful_runs import run
 from tests.engine.packs import plan
-from tests.support.engine_parts import slow, wire
 
-SECOND = 1_000_000_000
 CASE = Case("small", 71, seconds=1620, drive="us06", at=1200, fault="heat", size=3.0)
-
-
-def _readings(made, k, y, quality):
-    """Inputs of a tick."""
-    nan, i = np.full(1, np.nan), made.current[k : k + 1 or None]
-    means, good = np.array([i, i**2, nan, nan, np.abs(i)]), np.full(1, np.uint8(Quality.GOOD))
-    inlet, parts = made.inlet[k : k + 1 or None], Layout.of(["string_1"], [CELLS]).parts
-    return Readings(means, good, slow(inlet, nan, nan), y, np.zeros(CELLS), quality, parts)
 
 
 @pytest.fixture(scope="module")
 def told():
     """Estimators, their events, and the truth."""
-    made = make([CASE])[0]
-    plan = Plan((StringPlan("string_1", 1, model("small"), (), "off"),))
-    estimators = Estimators(plan, [wire({"current": 0, "coolant_inlet": 1}, CELLS)])
-    quality = np.where(np.isin(np.arange(1, CELLS + 1), SENSORS), Quality.GOOD, Quality.NEVER).astype(np.uint8)
-    events = []
-    for k in range(CASE.seconds):
-        events += estimators.step(_readings(made, k, made.y[k], quality), (k + 1) * SECOND).events
-    return estimators, events, made
+    return through(CASE)
 
 
 def test_it_is_told_and_flagged_with_its_cell_and_its_watts(told) -> None:
@@ -127,10 +108,10 @@ def test_no_core_is_sent_of_a_cell_that_has_run_away_nor_of_neighbours_without_a
         quality = own.copy()
         quality[5] = of_6
         y = np.where(quality == Quality.GOOD, made.y[-1], np.nan)
-        events = estimators.step(_readings(made, -1, y, quality), (CASE.seconds + k + 1) * SECOND).events
+        events = estimators.step(readings(made, -1, y, quality), (CASE.seconds + k + 1) * SECOND).events
         sent.append(next(e for e in events if isinstance(e, Estimated)))
     estimators.strings[0].fire = (4,)
-    events = estimators.step(_readings(made, -1, made.y[-1], own), (CASE.seconds + 3) * SECOND).events
+    events = estimators.step(readings(made, -1, made.y[-1], own), (CASE.seconds + 3) * SECOND).events
     beside = next(e for e in events if isinstance(e, Estimated))
     estimators.strings[0].fire = ()
     for e in sent:
