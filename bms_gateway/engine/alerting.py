@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.engine.conditions import of_inputs, of_strings
 from bms_gateway.engine.estimators import Estimators
@@ -85,10 +86,12 @@ class Alerting:
         surfaces = Surfaces(readings.y, hot.fallen, hot.over, hot.rate)
         confirmed = self._confirm.step(t1 / 1e9, square, readings.inlet, surfaces)
         jumpy = np.where(quality == JUMPY, raw.value, np.nan)
-        sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed, failed & (quality != STALE))
+        wrong = self._wrong()
+        sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed, failed & (quality != STALE), wrong)
         seen = np.repeat(readings.seen(GOOD), self._sizes)
         trusted = ((quality == GOOD) | (quality == ESTIMATED)) & seen
         trusted &= (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
+        trusted &= ~wrong
         quiet = t1 - heard >= QUIET_S * 1e9
         core, centre, centre_sd = newest.with_withheld()
         self.limits.step(t1 / 1e9, Points(centre, centre_sd, core, trusted), sensed, quiet)
@@ -97,9 +100,11 @@ class Alerting:
         if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):
             new = self.runaway.told
             told = [Notice(t1, Level.WARNING, "runaway", c.text, c.string, c.cell) for c in new]
+        any_runaway = bool(self.runaway.latched.any())
         for s in self._estimators.strings:
             s.hot = self.limits.over(s.mine)
-            s.runaway = bool(self.runaway.latched[s.mine].any())
+            s.fire = tuple(np.flatnonzero(self.runaway.latched[s.mine]).tolist()) if any_runaway else ()
+            s.runaway = bool(s.fire)
             s.burning = s.runaway or self.limits.measured_over(s.mine)
         return told
 
@@ -128,6 +133,15 @@ class Alerting:
                 nearing.take(s.forecast.approach(), s.forecast.peak)
         changes = self.alerts.update(now_s, list(self._conditions(quiet=pause_s >= QUIET_S)), last=silent)
         return [Alerted(t1, change) for change in changes]
+
+    def _wrong(self) -> NDArray[np.bool_]:
+        """Which cells (N,) have a thermocouple that is reported to be wrong: alone, it ends no alarm."""
+        wrong = np.zeros(len(self._estimators.newest.core), np.bool_)
+        for s in self._estimators.strings:
+            for f in s.health.heat:
+                if f.code == "thermocouple" and f.cell is not None:
+                    wrong[s.mine.start + f.cell - 1] = True
+        return wrong
 
     def _conditions(self, *, quiet: bool) -> Iterator[Condition]:
         """List what is wrong now: runaways first, then causes before their consequences."""

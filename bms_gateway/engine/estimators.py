@@ -158,6 +158,7 @@ class Estimators:
         dt, newest = self._dt, self.newest
         I, I2, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
+        believed = group.believed(y)
         flow = None if group.nominal_flow is None else readings.slow["coolant_flow"][group.rows] / group.nominal_flow
         heat = group.unknown
         if group.voltage:
@@ -165,7 +166,7 @@ class Estimators:
             heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
         measured = Driven(I2, heat, inlet, flow)
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
-        e = group.observed.step(readings, measured, y, age, of)
+        e = group.observed.step(readings, measured, believed, age, of)
         square, inlet = group.observed.plainly(measured)
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
         if group.watch is not None:
@@ -175,16 +176,21 @@ class Estimators:
             if core is not e.core:  # sensor fault, or heat of the cell: the warmer value counts
                 known = np.isfinite(e.core_sd)
                 more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
-                centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more)
+                # the band also contains the cooler value
+                cooler = np.fmax(e.core - core, 0.0)
+                centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more + cooler**2)
         felt = y > centre + ABOVE_K
         if felt.any():  # an accepted reading is the temperature of a point of the cell
             centre = np.where(felt, y, centre)
         cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, square, dt))
-        quality = group.doubtful(group.quality(readings), cold)
+        own = group.quality(readings)
+        quality = group.doubtful(own, cold)
         if group.doubt is not None:
             core_sd = np.hypot(core_sd, group.doubt * (core - surface))
             centre_sd = np.hypot(centre_sd, group.doubt * (centre - surface))
         usable = core_sd <= AVAILABLE_SD_K
+        if (burnt := group.burnt(own)) is not None:
+            usable &= ~burnt
         if not usable.all():
             newest.withhold(group.put, usable, core, centre, centre_sd)
             core, core_sd, surface, centre, centre_sd = (
@@ -202,7 +208,7 @@ class Estimators:
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.slow["soc"][group.rows], dt + self._gap_s
-        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
+        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, believed, age, cells)
         jobs += [(group.members[j], job) for j, job in group.backlog.add(heard)]
         group.errors = e.errors
         return e.errors.mean_square()

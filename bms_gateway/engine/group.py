@@ -139,13 +139,58 @@ class Group:
         worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
         return np.where(worse, current[:, None], own)
 
+    def believed(self, y: Floats) -> Floats:
+        """Return the surfaces (S, n) without those of thermocouples that are reported to be wrong.
+
+        They stay if fewer than half of the string's thermocouples would be left: then the model is in doubt.
+        """
+        if not (wrong := self._wrong()):
+            return y
+        believed = y.copy()
+        for place in wrong:
+            believed[place] = np.nan
+        for j in {j for j, _ in wrong}:
+            sensors = len(self.strings[j].plan.model.sensors)
+            if 2 * sum(i == j for i, _ in wrong) > sensors:
+                believed[j] = y[j]
+        return believed
+
+    def _wrong(self) -> list[tuple[int, int]]:
+        """List strings and 0-based cells whose thermocouple is reported to be wrong."""
+        heard = ((j, f) for j, s in enumerate(self.strings) for f in s.health.heat)
+        return [(j, f.cell - 1) for j, f in heard if f.code == "thermocouple" and f.cell is not None]
+
+    def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+        """Mark cells (S, n) that no number of the model describes.
+
+        These are a cell that has run away, and its neighbours without a good reading of their own. `own` is the
+        `quality`. None: no cell has run away.
+        """
+        if not any(s.fire for s in self.strings):
+            return None
+        marked = np.zeros(own.shape, np.bool_)
+        for j, s in enumerate(self.strings):
+            for k in s.fire:
+                beside = slice(max(k - 1, 0), k + 2)
+                marked[j, beside] |= own[j, beside] != GOOD
+                marked[j, k] = True
+        return marked
+
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for `cold` cores."""
+        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for some single cells.
+
+        These are `cold` cores, and cells whose thermocouple is reported to be wrong.
+        """
         doubted = [bool(s.doubts) for s in self.strings]
-        if cold is None and not any(doubted):
+        wrong = self._wrong()
+        if cold is None and not wrong and not any(doubted):
             return quality
         trusted = (quality == GOOD) | (quality == ESTIMATED)
-        without = np.array(doubted)[:, None] if cold is None else np.array(doubted)[:, None] | cold
+        without = np.repeat(np.array(doubted)[:, None], self.cells, axis=1)
+        if cold is not None:
+            without |= cold
+        for place in wrong:
+            without[place] = True
         return np.where(trusted & without, DOUBTFUL, quality)
 
 

@@ -138,6 +138,8 @@ class StringEstimator:
     hot, burning, runaway : bool
         `hot`: a cell is above its limit, or its core is unknown because of heat. `burning`: a measured surface is above
         its limit, or a cell runs away. `runaway`: a cell has run away.
+    fire : tuple of int
+        0-based cells that have run away.
     forecast : Forecast or None
         The newest forecast, every ten seconds; None before anything is known.
     """
@@ -159,6 +161,7 @@ class StringEstimator:
     hot: bool = False
     burning: bool = False
     runaway: bool = False
+    fire: tuple[int, ...] = ()
     forecast: Forecast | None = None
 
     def __post_init__(self) -> None:

@@ -68,6 +68,8 @@ class Sensed:
         `Confirm` accepts the reading; None: nothing was confirmed or refused.
     broken : ndarray of bool (N,), optional
         The sensor itself is at fault and not only silent; None: all that failed are.
+    wrong : ndarray of bool (N,), optional
+        The sensor reads, but is reported to be wrong: it ends no alarm.
     """
 
     good: Floats
@@ -76,6 +78,7 @@ class Sensed:
     raw: Floats | None = None
     confirmed: Bools | None = None
     broken: Bools | None = None
+    wrong: Bools | None = None
 
 
 class Points(NamedTuple):
@@ -265,6 +268,8 @@ class Limits:
         if not quiet and surface.over.any():
             self._broke |= surface.over & (sensed.failed if sensed.broken is None else sensed.broken)
         ends = read & ~self.lost  # a sensor that failed in heat ends no alarm before a person has looked
+        if sensed.wrong is not None:
+            ends &= ~sensed.wrong
         surface.update(now_s, sensed.good, ends, confirmed=sensed.confirmed, broke=self._broke)
         self._broke &= surface.over & ~read
         trusted = points.trusted & ~surface.over & ~surface.fallen & ~self.lost
@@ -328,8 +333,9 @@ class Limits:
     def _over(self, what: str, limit: Limit, name: str, part: slice) -> Condition:
         over = np.flatnonzero(limit.over[part]) + part.start
         known = self._now_s - limit.last_s <= self._unseen_s
-        if limit is self.core:  # a surface that fell too fast is still read, though it ends no alarm
-            known |= self.surface.fallen & np.isfinite(self._points.value)
+        if limit is self.core:  # an estimate or a surface that fell too fast is still there, though it ends no alarm
+            p = self._points
+            known |= ((p.trusted & ~self.lost) | self.surface.fallen) & np.isfinite(p.value)
         seen = over[known[over]]
         unseen = not len(seen)
         among = over if unseen else seen
@@ -343,7 +349,10 @@ class Limits:
                 now += f", was above the limit and is not known to be {COOLER_K:g} K below it"
         elif np.isfinite(self._points.value[at]):
             p = self._points
-            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (95 %; core {p.core[at]:.1f} °C)"
+            value, sd, core = (float(x[at]) for x in p[:3])
+            now = f" is {value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
+            if sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
+                now = f" is about {value:.0f} °C and not known to {AVAILABLE_SD_K:g} K (core about {core:.0f} °C)"
             if p.value[at] < limit.limit:
                 now += ", was above the limit and is not known to be below it again"
         else:

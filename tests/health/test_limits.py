@@ -44,6 +44,25 @@ def test_a_cell_that_becomes_unknown_keeps_its_alarm_and_what_was_last_known_of_
     assert found == {}
 
 
+def test_a_hottest_point_that_is_hardly_known_is_told_without_a_band_that_reaches_below_what_is_possible():
+    # Bug: "hottest point of cell 6 is 203.6 ± 2473.9 °C" in a fire.
+    found = step(limits(1), 0, [90.0], [1500.0], sd=700.0)
+    assert (
+        "cell 1 is about 1500 °C and not known to 12 K (core about 1500 °C), the limit is 80 °C" in found["core"].text
+    )
+
+
+def test_a_cell_whose_estimate_falls_in_one_step_is_not_called_unseen_while_its_thermocouple_reads():
+    # Bug: "last 89 °C, rising 2.2 K/min, not seen since 14 s" of a cell that was read in every second.
+    at = limits()
+    for t in range(60):
+        step(at, t, [46.0, 30.0], [89.0, 30.0], sd=9.0)
+    for t in range(60, 90):
+        found = step(at, t, [46.0, 30.0], [60.0, 30.0], sd=11.0)
+    assert "is 60.0 ± 21.6 °C (95 %; core 60.0 °C), was above the limit and is not known" in found["core"].text
+    assert found["core"].phase == ""
+
+
 def test_what_stands_behind_the_plus_minus_of_a_core_is_told():
     found = step(limits(1), 0, [70.0], [85.0], sd=2.0)
     assert "hottest point of cell 1 is 85.0 ± 3.9 °C (95 %; core 85.0 °C)" in found["core"].text
