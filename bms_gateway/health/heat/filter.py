@@ -32,6 +32,7 @@ traces in the innovations that look like new evidence; above this gap, films are
 of them."""
 MOST_OWN = 0.5
 """Greatest share by which the film of a single cell differs."""
+HOT_OFFSET_K = 4.0
 OPEN_RATE, OPEN_S = 1e-2, 1200.0
 """Rate, K/s of the heat capacity, and time constant of the heat of a cell in which heat has been found."""
 ROUGH_RATE, ROUGH_SHARE = 2e-4, 0.03
@@ -198,6 +199,14 @@ class HeatFilter:
         self.z[s], self.P[s] = 0.0, np.diag(np.square(first))
         self.P[s, : at.nodes, : at.nodes] = self._start
         self.open[s], self.running[s] = False, False
+
+    def hot_by_offset(self) -> Bools:
+        """Return which strings (S,) have a thermocouple whose reading above the others is taken for its offset.
+
+        No thermocouple of class 1 is so far off: the cell may have been hot when the state was found.
+        """
+        off = np.where(self.at.fitted, self.z[:, self.at.bias], 0.0)
+        return np.asarray(off.max(axis=1) > HOT_OFFSET_K, dtype=np.bool_)
 
     def unlearn(self, s: int) -> None:
         """Set the states of string `s` but the temperatures to those of an unknown sound string.

@@ -23,6 +23,8 @@ class Finding:
         W, if all of it is in `cell`; NaN for other faults than heat.
     warmest : float
         K, the greatest gap between the cell's surface and the coolant since heat was found.
+    hottest : float
+        °C, the greatest estimate of the cell's surface since heat was found.
     colder_ns : int or None
         Since when the readings show that the cell would be cooled.
     still_s : float
@@ -45,6 +47,7 @@ class Finding:
     low_ns: int | None = None
     size: float = 0.0
     warmest: float = 0.0
+    hottest: float = -273.15
     colder_ns: int | None = None
     still_s: float = 0.0
     sure: float = 1.0

@@ -378,6 +378,10 @@ class HeatWatch:
         new = heard & (self._age < SETTLE_S)
         for s in np.flatnonzero(new):
             self.evidence.forget(int(s))
+        settled = heard & ~new & (self._age < SETTLE_S + self.filter.dt)
+        for s in np.flatnonzero(settled & self.filter.hot_by_offset()):
+            self.filter.unlearn(int(s))
+            self.evidence.forget(int(s))
         self.course.forget(new)
         self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))

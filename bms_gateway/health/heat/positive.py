@@ -7,6 +7,7 @@ import numpy as np
 from bms_gateway.health.heat.layout import Ints
 from bms_gateway.thermal import Floats
 
+IMPOSSIBLE_SD = 2.0
 FAR = 25.0
 """sd beyond which the tail of a Gaussian is an exponential, to a part in 600."""
 
@@ -29,9 +30,10 @@ def not_cooled(z: Floats, P: Floats, heats: Ints) -> tuple[Floats, Floats]:
     """Condition states on heats that are not negative.
 
     The heats of cells beside each other can hardly be told apart: the readings allow 40 W in one and −30 W in the next.
-    One heat after the other is conditioned on its sign, the least likely first (moments of a truncated Gaussian; the
-    other states follow by regression). The result is read, and never fed back into the filter: the same knowledge would
-    count again in each step.
+    A heat that is negative by more than `IMPOSSIBLE_SD` is conditioned on its sign, the least likely first (moments of
+    a truncated Gaussian; the other states follow by regression). The others are left as they are: a short sits in one
+    cell, and conditioning them would share its heat among the cells, with a band that is too narrow. The result is
+    read, and never fed back into the filter: the same knowledge would count again in each step.
 
     Parameters
     ----------
@@ -41,9 +43,11 @@ def not_cooled(z: Floats, P: Floats, heats: Ints) -> tuple[Floats, Floats]:
         Indices of the heats, W.
     """
     z, P = z.copy(), P.copy()
-    left = [i for i in heats.tolist() if P[i, i] > 0.0]
+    left = set(heats[np.diag(P)[heats] > 0.0].tolist())
     while left:
         i = min(left, key=lambda k: z[k] / sqrt(P[k, k]))
+        if z[i] > -IMPOSSIBLE_SD * sqrt(P[i, i]):
+            break
         left.remove(i)
         v = float(P[i, i])
         mean, var = above_zero(float(z[i]), sqrt(v))

@@ -12,6 +12,9 @@ from bms_gateway.health.heat.layout import Bools
 COLDER_SD, COLDER_SHARE, COLDER_S = 3.0, 0.25, 40.0
 """No cell cools by itself. A thermocouple has left its cell if it shows less heat than none by so many sd, and by this
 share of the heat that was found, for the time of the third number, s."""
+BURNT_C = 100.0
+"""Surface temperature that cells in a fire reach. Afterwards they cool faster than their model, which knows neither
+radiation nor fumes: then nothing is concluded from it."""
 UNKNOWN_SHARE = 0.5
 """Sd of the temperatures of a cell whose thermocouple has left it, as a share of what its heat makes of them; and of
 its heat, as a share of what was found."""
@@ -37,11 +40,12 @@ def left_by(f: HeatFilter, s: int, g: Finding, used: Bools) -> int | None:
     s : int
         String.
     g : Finding
-        Heat that was found.
+        Heat that was found; the greatest temperature of its surface is kept in it.
     used : ndarray of bool (m,)
         Thermocouples whose readings are used.
     """
     at = f.at
+    g.hottest = max(g.hottest, float(f.z[s, 2 * at.told[s, g.place] + 1]))
     apart = np.where(at.fitted[s] & used, np.abs(at.sensors[s] - at.told[s, g.place]), at.cells)
     if apart.min() > 1:
         return None

@@ -32,7 +32,7 @@ from bms_gateway.health.heat.prior_odds import ln_prior
 from bms_gateway.health.heat.proven import early, known, may_be_else, may_be_heat, proven, undecided, watched
 from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.health.heat.shared_heat import share_out
-from bms_gateway.health.heat.slips import COLDER_S, as_found, failed_since, heats_at, left_by
+from bms_gateway.health.heat.slips import BURNT_C, COLDER_S, as_found, failed_since, heats_at, left_by
 from bms_gateway.thermal import Floats
 
 SURE = 12.0
@@ -335,11 +335,12 @@ class Verdict:
 
     def _left(self, now_ns: int) -> list[Finding]:
         """Set thermocouples aside that have left a cell while it heats."""
-        told = []
-        for g in [g for g in self.findings if g.code == "unexplained_heat"]:
+        told, heats = [], [g for g in self.findings if g.code == "unexplained_heat"]
+        for g in heats:
             place = left_by(self.of, self.s, g, ~self.aside)
             g.colder_ns = None if place is None else g.colder_ns or now_ns
-            if place is None or self._proven or not self._held(g.colder_ns, now_ns, COLDER_S):
+            fire = self.burning or any(h.hottest > BURNT_C for h in heats)
+            if place is None or fire or not self._held(g.colder_ns, now_ns, COLDER_S):
                 continue
             new = Finding("", None, 1, g.colder_ns or now_ns, kind=Kind.LAG, place=place, size=1.0)
             self._fails(new, slips=True)
