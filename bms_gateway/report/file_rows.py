@@ -16,7 +16,7 @@ from bms_gateway.errors import DataError, MissingExtraError
 from bms_gateway.gunzip import Gunzip
 from bms_gateway.report.dates import DateForm
 from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, title_lines, units_row
-from bms_gateway.report.text import HEAD, Recoded, decoded, refuse_others, utf16
+from bms_gateway.report.text import CALLED, HEAD, Recoded, decoded, refuse_others, utf16
 from bms_gateway.thermal import Floats
 
 CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
@@ -234,7 +234,7 @@ class _Csv:
         text, codec = decoded(self.path, raw, read, self._codec)
         if codec != self._codec:
             self._codec = codec
-            self._said.append(f"not UTF-8 from line {number} on: read as Windows-1252")
+            self._said.append(f"not UTF-8 from line {number} on: read as {CALLED[codec]}")
         lines = text.splitlines()
         if "#" not in text and all(map(str.strip, lines)):
             return _Lines(np.arange(number, number + len(lines)), lines), len(lines)
