@@ -94,7 +94,7 @@ ONES: Final = (
         "voltage_V",
         "voltage",
         re.compile(
-            r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage"
+            r"\b(voltage|spannung|u|v|volts?|tension|ewe|ecell|pack.?voltage"
             r"|(pack|gesamt|klemmen|strang|batterie|modul|akku)spannung)\b"
         ),
     ),

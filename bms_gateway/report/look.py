@@ -68,7 +68,7 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             "missing": [name for name in REQUIRED if name not in found],
             "inlet": next((c.column for c in found.values() if c.constant is not None), ""),
             "surfaces": any(n.startswith("surface_") for n in found),
-            "notes": [*rows.notes, *_unread(rows, shown, dated), *_wild(shown)],
+            "notes": [*rows.notes, *_unread(rows, shown, dated), *_wild(shown), *_first_rows(rows, values)],
             "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},
         }
 
@@ -84,6 +84,20 @@ def _untimely(name: str, form: DateForm | str, rows: Rows) -> int:
         return untimely(name, None if isinstance(form, str) else form.seconds(rows.sample(name)))
     except ValueError:  # the reader names the cell
         return untimely(name, None)
+
+
+def _first_rows(rows: Rows, values: Mapping[str, Floats]) -> list[str]:
+    """Say of how many rows the values are, if the table has more."""
+    name = next(iter(values), None)
+    if name is None:
+        return []
+    pieces = rows.pieces([name], {})
+    try:
+        next(pieces)
+        more = next(pieces, None) is not None
+    except DataError:  # of a later row; the reader tells it
+        more = True
+    return [f"least and greatest values are those of the first {len(values[name]):,} rows"] if more else []
 
 
 def _unread(rows: Rows, shown: Sequence[Mapping[str, Any]], dated: str) -> list[str]:

@@ -303,3 +303,15 @@ def test_the_export_of_a_chinese_cycler_is_read(tmp_path):
     for western in ("Größe", "Prüfstand Öl °C", "T [°C] ± 1"):
         path.write_bytes(f"time_s,{western}\n0,1\n1,2\n".encode("cp1252"))
         assert look(path)["columns"][1]["name"] == western
+
+
+@pytest.mark.parametrize(("count", "all_seen"), [(100, True), (30_000, False)])
+def test_a_range_says_of_how_many_rows_it_is(tmp_path, count, all_seen):
+    path = tmp_path / "long.csv"
+    rows = [(k, k % 7, 20, 21.5) for k in range(count)]
+    high = exported(path, "time_s,current_A,coolant_inlet_C,surface_1_C", rows)["time_s"]["high"]
+    told = [n for n in look(path)["notes"] if "first" in n]
+    if all_seen:
+        assert (high, told) == (count - 1, [])
+    else:
+        assert told == [f"least and greatest values are those of the first {round(high) + 1:,} rows"]
