@@ -150,9 +150,11 @@ def plain(name: str) -> str:
 
 
 def lookalike(ours: str, names: Sequence[str]) -> str | None:
-    """Return the only column that matches these words; None if there is none, or several."""
+    """Return the only column that matches these words, or the first time of a whole test; None if it is not clear."""
     pattern = next((p for name, _, p in ONES if name == ours), None)
     near = [n for n in names if pattern is not None and pattern.search(plain(n))]
+    if ours == "time_s" and len(near) > 1:
+        near = [n for n in near if untimely(n, None) == 0][:1]
     return near[0] if len(near) == 1 else None
 
 

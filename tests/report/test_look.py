@@ -200,6 +200,8 @@ def test_words_are_parted():
     assert plain("packVoltage_V") == "pack voltage v"
     assert lookalike("current_A", ["Strom (A)", "U"]) == "Strom (A)"
     assert lookalike("current_A", ["current 1", "current 2"]) is None
+    assert lookalike("time_s", ["Step_Time(s)", "Test_Time(s)", "Date_Time"]) == "Test_Time(s)"  # either is right
+    assert lookalike("time_s", ["Time 1", "Time 2"]) is None
 
 
 def test_columns_without_numbers_and_decimal_commas_are_told(tmp_path):
