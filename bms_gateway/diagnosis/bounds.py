@@ -18,7 +18,8 @@ def at_bound(fit: MapFit, c: Candidate) -> str:
             continue
         value = float(np.exp(free[name])) if p.log else free[name]
         if value != p.neutral:
-            return f"{p.name} ends at its bound, {value / p.to_si:.4g} {p.unit}"
+            unit = "" if p.unit == "1" else f" {p.unit}"
+            return f"{p.description} ({p.name}) ends at its bound, {value / p.to_si:.4g}{unit}"
     return ""
 
 

@@ -14,7 +14,13 @@ import numpy as np
 from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
 from bms_gateway.diagnosis.core_known import KnownCore, known_core
 from bms_gateway.diagnosis.filed import filed_fit
-from bms_gateway.diagnosis.findings import core_sentences, refit_sentences, sensor_sentences, tie_sentences
+from bms_gateway.diagnosis.findings import (
+    core_sentences,
+    refit_sentences,
+    sensor_sentences,
+    stream_sentences,
+    tie_sentences,
+)
 from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
 from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
@@ -164,6 +170,7 @@ def _variant(
     totals = {k: sum(weight[s.cell] * r.share for s in sensors for r in s.regimes if r.feature == k) for k in names}
     explained = tuple(sorted(((k, float(x)) for k, x in totals.items() if x > 0.0), key=lambda e: -e[1]))
     findings = sensor_sentences(sensors, blocks, explained, len(records))
+    findings += stream_sentences(fit.problem.model, sensors)
     findings += core_sentences(bands, sensors, name) if bands else ()
     checks = core_checks(records, fit, bands) if bands else ()
     return Variant(

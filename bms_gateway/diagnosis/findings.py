@@ -59,6 +59,22 @@ def sensor_sentences(
     return tuple(found)
 
 
+def stream_sentences(model: StringModel, sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """Ask for the coolant's flow if the mean error changes sign along the string, and the model has no such flow."""
+    mean = {s.cell: s.regimes[0].bins[0] for s in sorted(sensors, key=lambda s: s.cell) if s.regimes}
+    if model.has_coolant_path or not along({k: b.mean_K for k, b in mean.items()}):
+        return ()
+    (first, one), *_, (last, other) = mean.items()
+    if one.mean_K * other.mean_K > 0.0 or not (one.significant and other.significant):
+        return ()
+    way, end = ("grows", "") if other.mean_K > one.mean_K else ("falls", ", at the last cell first")
+    return (
+        f"The mean error {way} along the string, from {one.mean_K:+.2g} K (cell {first}) to {other.mean_K:+.2g} K "
+        f"(cell {last}), and in the model no coolant warms from cell to cell: if one flows past the cells{end}, give "
+        "its flow to the model.",
+    )
+
+
 def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
     """State the possible error of the core, and warn if the surface agrees nevertheless."""
     half = half_width_K(bands)

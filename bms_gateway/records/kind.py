@@ -84,7 +84,9 @@ def check_seconds(table: Table) -> None:
         )
     else:
         return
-    unit = "" if table.dated else " looks like milliseconds, it must be in seconds: it"
+    # stamps of today, s since 1970, have ten digits in seconds and three more in each smaller unit
+    small = "nanoseconds" if 1e17 <= t[-1] < 1e20 else "microseconds" if 1e14 <= t[-1] < 1e17 else "milliseconds"
+    unit = "" if table.dated else f" looks like {small}, it must be in seconds: it"
     raise DataError(f"{table.source}: time_s{unit} {seen}")
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from bms_gateway.errors import DataError, MissingExtraError
 from bms_gateway.gunzip import Gunzip
 from bms_gateway.report.dates import DateForm
-from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, title_lines, units_row
-from bms_gateway.report.text import HEAD, Recoded, decoded, refuse_others, utf16
+from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, title_lines, units_row, whole
+from bms_gateway.report.text import CALLED, HEAD, Recoded, decoded, refuse_others, utf16
 from bms_gateway.thermal import Floats
 
 CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
@@ -148,6 +148,10 @@ class _Csv:
                 "time_s,current_A,coolant_inlet_C,surface_1_C"
             )
         self._first = first.after(1)
+        if not self._first.text:
+            self._first = next(self._blocks, self._first)
+        if self._first.text:
+            self.names = whole(self.names, self._cells(self._first.only(1), None))
         self.units = self._units()
 
     def _open(self, file: BinaryIO) -> tuple[Any, str]:
@@ -174,8 +178,6 @@ class _Csv:
 
     def _units(self) -> list[str] | None:
         """Read a row of units below the header."""
-        if not self._first.text:
-            self._first = next(self._blocks, self._first)
         if not self._first.text:
             return None
         cells = self._cells(self._first.only(1), None)
@@ -234,7 +236,7 @@ class _Csv:
         text, codec = decoded(self.path, raw, read, self._codec)
         if codec != self._codec:
             self._codec = codec
-            self._said.append(f"not UTF-8 from line {number} on: read as Windows-1252")
+            self._said.append(f"not UTF-8 from line {number} on: read as {CALLED[codec]}")
         lines = text.splitlines()
         if "#" not in text and all(map(str.strip, lines)):
             return _Lines(np.arange(number, number + len(lines)), lines), len(lines)

@@ -4,7 +4,7 @@ No proposal is used without confirmation: `read_table` uses only names and `--co
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 from unicodedata import normalize
@@ -32,11 +32,15 @@ _MOST: Final = {"current": 2000.0, "voltage": 1500.0}
 """Greater values are in thousandths of the unit."""
 
 _INLET: Final = (
-    r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
-    r"|\b(wasser|water|glykol|glycol|fluid|medium) (ein|in|eingang)\b"
+    r"\b(inlet|vorlauf|zulauf|zuluft|eintritt|einlass|t.?in|temp in|coolant|coolant temp|entr(é|e)e"
+    r"|k(ü|ue)hl(mittel|wasser|fl(ü|ue)ssigkeit)(vorlauf|zulauf|eintritt|einlass)?)\b"
+    r"|\b(wasser|water|glykol|glycol|fluid|medium)( temperatur)? (ein|in|eingang)\b|^t ((km|kw|wasser) )?ein$"
 )
-_AIR: Final = r"\b(ambient|amb|chamber|umgebung|umgebungstemperatur|kammer|klimakammer|raum|room|t.?amb|luft|air)\b"
-_CORE: Final = r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo)\b"
+_AIR: Final = (
+    r"\b(ambient|amb|chamber|umgebung|(klima)?kammer|raum|room|t.?amb|(au(ß|ss)en|umgebungs|raum|kammer)?luft|air"
+    r"|au(ß|ss)en(?= temp))\b"
+)
+_CORE: Final = r"\b(core|kern|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo)\b"
 _WHEN: Final = (
     r"\b(time|zeit|timestamp|datum|date|uhrzeit|elapsed|test.?time|zeitstempel|messzeit|versuchszeit)\b"
     r"|^t( (s|ms|sec|min|h))?$"
@@ -61,6 +65,11 @@ _JOINED: Final = re.compile(
     r"|k(ü|ue)hl\w*|vorlauf|skin|haut)\b)"
 )
 """A t for temperature that is joined with the next word, such as `tsurf`."""
+_COMPOUND: Final = re.compile(r"(?<=[a-zäöüß]{3})(s|(?<!s))(?=temp(eratur(en)?)?\b)")
+"""Where a German compound of a temperature is parted, such as `vorlauftemperatur` and `umgebungstemperatur`."""
+_OF_A_STEP: Final = re.compile(r"\b(step|schritt|cycle|zyklus)\b")
+"""Words for a time that starts anew within a test."""
+_OF_ALL: Final = re.compile(r"\b(total|test|gesamt|date|datum|elapsed)\b")
 ONES: Final = (
     ("time_s", "time", re.compile(_WHEN)),
     (
@@ -85,14 +94,14 @@ ONES: Final = (
         "voltage_V",
         "voltage",
         re.compile(
-            r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage"
+            r"\b(voltage|spannung|u|v|volts?|tension|ewe|ecell|pack.?voltage"
             r"|(pack|gesamt|klemmen|strang|batterie|modul|akku)spannung)\b"
         ),
     ),
 )
 """Quantities that a string has once: our name, the quantity, and the words of other tools."""
 _NOT: Final = re.compile(
-    r"\b(outlet|r(ü|ue)cklauf|auslass|austritt|power|leistung|energy|energie|error|fehler|status)\b"
+    r"\b(outlet|\w*(r(ü|ue)cklauf|auslass|austritt)|abluft|power|leistung|energy|energie|error|fehler|status)\b"
 )
 _NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
 _CHARGE: Final = re.compile(r"\b(ladung|charge|f(ü|ue)llstand|akku|batterie|battery)\b")
@@ -132,18 +141,20 @@ def plain(name: str) -> str:
     --------
     >>> plain("T_Zelle_03 [°C]"), plain("Kühlmittel-Vorlauf/°C"), plain("cellTemp3")
     ('t zelle 03', 'kühlmittel vorlauf', 'cell temp 3')
-    >>> plain("Tsurf"), plain("TZelle3"), plain("total")
-    ('t surf', 't zelle 3', 'total')
+    >>> plain("Tsurf"), plain("TZelle3"), plain("total"), plain("Vorlauftemperatur")
+    ('t surf', 't zelle 3', 'total', 'vorlauf temperatur')
     """
     base = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", normalize("NFC", split_unit(name)[0]))
     base = re.sub(r"(?<=[a-zA-Zäöü])(?=\d)", " ", re.sub(r"[_\W]+", " ", base))
-    return _JOINED.sub("t ", base.strip().lower())
+    return _COMPOUND.sub(" ", _JOINED.sub("t ", base.strip().lower()))
 
 
 def lookalike(ours: str, names: Sequence[str]) -> str | None:
-    """Return the only column that matches these words; None if there is none, or several."""
+    """Return the only column that matches these words, or the first time of a whole test; None if it is not clear."""
     pattern = next((p for name, _, p in ONES if name == ours), None)
     near = [n for n in names if pattern is not None and pattern.search(plain(n))]
+    if ours == "time_s" and len(near) > 1:
+        near = [n for n in near if untimely(n, None) == 0][:1]
     return near[0] if len(near) == 1 else None
 
 
@@ -153,6 +164,7 @@ def guesses(
     taken: Mapping[str, str],
     values: Mapping[str, Floats],
     dated: str,
+    told: Collection[str] = (),
 ) -> dict[str, Guess]:
     """Make proposals for the columns whose names are not ours.
 
@@ -168,6 +180,8 @@ def guesses(
         First values of the columns with numbers.
     dated : str
         Column that has dates; may be empty.
+    told : collection of str
+        Our names of which the user has said where they are.
 
     Returns
     -------
@@ -190,13 +204,14 @@ def guesses(
         if not fits and ours == "soc":
             fits = [n for n in free if n not in found and kind[n] == quantity and _CHARGE.search(plain(n))][:1]
         if fits:
-            best = min(fits, key=lambda n: (kind[n] is None, _late(ours, n), names.index(n)))
+            rank = {n: untimely(n, values.get(n)) if ours == "time_s" else 0 for n in fits}
+            best = min(fits, key=lambda n: (rank[n], kind[n] is None, _late(ours, n), names.index(n)))
             found[best] = Guess(ours, _unit_of(quantity, values.get(best), kind[best]), why="by its name")
     for what, quantity in (("core", "temperature"), ("surface", "temperature"), ("cell_voltage", "voltage")):
         found |= _cells(what, quantity, [n for n in free if n not in found], kind, values, taken)
     if not any(ours.startswith("surface_") for ours in (*taken, *(g.ours for g in found.values()))):
         found |= _of_the_battery([n for n in free if n not in found], kind, values)
-    return _signed(found, taken, values)
+    return _signed(found, taken, values, told)
 
 
 def _called(pattern: re.Pattern[str], ours: str, name: str) -> bool:
@@ -208,6 +223,20 @@ def _called(pattern: re.Pattern[str], ours: str, name: str) -> bool:
 def _late(ours: str, name: str) -> bool:
     """Whether a column only replaces a missing inlet, such as an air temperature."""
     return ours == "coolant_inlet_C" and not re.search(_INLET, plain(name))
+
+
+def untimely(name: str, t: Floats | None) -> int:
+    """Judge a column of times: 0 for the time of a whole test, 1 for another, 2 for one that does not go forward.
+
+    Examples
+    --------
+    >>> untimely("Total Time", np.arange(3.0)), untimely("Time", np.arange(3.0)), untimely("Time", np.array([1.0, 0]))
+    (0, 1, 2)
+    """
+    given = t[np.isfinite(t)] if t is not None else np.empty(0)
+    if (np.diff(given) < 0.0).any() or _OF_A_STEP.search(plain(name)):
+        return 2
+    return 0 if _OF_ALL.search(plain(name)) else 1
 
 
 def _quantity(unit: str) -> str | None:
@@ -297,21 +326,25 @@ def is_percent(soc: Floats) -> bool:
     return float(np.nanmedian(soc)) > _PARTS
 
 
-def _signed(found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[str, Floats]) -> dict[str, Guess]:
-    """Change the sign of a proposed current with which voltage or charge rise."""
-    column = next((n for n, g in found.items() if g.ours == "current_A"), None)
-    if column is None:
-        return found
+def _signed(
+    found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[str, Floats], told: Collection[str]
+) -> dict[str, Guess]:
+    """Change the sign of a current with which voltage or charge rise: proposed, or known by a name such as Current(A).
+
+    The sign of `current_A` is that of its definition, and one that the user has told is not guessed.
+    """
     where = {**{g.ours: n for n, g in found.items()}, **taken}
+    column = where.get("current_A")
+    if column in (None, "current_A") or "current_A" in told:
+        return found
+    byname = found.get(column, Guess("current_A", why="by its name"))
     voltages = [where[o] for o in where if o == "voltage_V" or o.startswith("cell_voltage_")]
     I = values.get(column)  # noqa: E741 - the paper's symbol
     V, soc = values.get(voltages[0]) if voltages else None, values.get(where.get("soc", ""))
     if why := rises(I, V, soc):
-        found[column] = replace(found[column], flip=True, why=f"{found[column].why}; {why}: charge is positive there")
+        found[column] = replace(byname, flip=True, why=f"{byname.why}; {why}: charge is positive there")
     elif _CHARGING_RISES.search(normalize("NFC", column).lower()) and not rises(None if I is None else -I, V, soc):
-        found[column] = replace(
-            found[column], flip=True, why=f"{found[column].why}, which says that charge is positive"
-        )
+        found[column] = replace(byname, flip=True, why=f"{byname.why}, which says that charge is positive")
     return found
 
 

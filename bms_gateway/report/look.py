@@ -14,9 +14,9 @@ import numpy as np
 from bms_gateway.errors import DataError
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, quantity_of, split_unit
-from bms_gateway.report.dates import date_form
+from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Rows
-from bms_gateway.report.guess import Guess, guesses, is_percent
+from bms_gateway.report.guess import Guess, guesses, is_percent, untimely
 from bms_gateway.report.table import REQUIRED, converted, known, open_table
 from bms_gateway.report.table_cells import is_number
 from bms_gateway.thermal import Floats
@@ -58,8 +58,8 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
         names = rows.names[:MOST]
         found = find_columns(path, rows.names, rows.units, told, [n for n in rows.names if known(n)])
         values = _numbers(rows, names)
-        dated = next((n for n in names if n not in values and date_form(rows.sample(n), None) is not None), "")
-        proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, values, dated)
+        dated = _dated(rows, [n for n in names if n not in values])
+        proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, values, dated, told)
         looked = _Looked(rows, found, told, proposed, values)
         shown = [looked.column(k) for k in range(len(names))]
         return {
@@ -68,9 +68,36 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             "missing": [name for name in REQUIRED if name not in found],
             "inlet": next((c.column for c in found.values() if c.constant is not None), ""),
             "surfaces": any(n.startswith("surface_") for n in found),
-            "notes": [*rows.notes, *_unread(rows, shown, dated), *_wild(shown)],
+            "notes": [*rows.notes, *_unread(rows, shown, dated), *_wild(shown), *_first_rows(rows, values)],
             "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},
         }
+
+
+def _dated(rows: Rows, names: Sequence[str]) -> str:
+    """Return the column of dates or times of day; of several the one that is the time of the whole table, or ""."""
+    forms = {n: form for n in names if (form := date_form(rows.sample(n), None)) is not None}
+    return min(forms, key=lambda n: _untimely(n, forms[n], rows), default="")
+
+
+def _untimely(name: str, form: DateForm | str, rows: Rows) -> int:
+    try:
+        return untimely(name, None if isinstance(form, str) else form.seconds(rows.sample(name)))
+    except ValueError:  # the reader names the cell
+        return untimely(name, None)
+
+
+def _first_rows(rows: Rows, values: Mapping[str, Floats]) -> list[str]:
+    """Say of how many rows the values are, if the table has more."""
+    name = next(iter(values), None)
+    if name is None:
+        return []
+    pieces = rows.pieces([name], {})
+    try:
+        next(pieces)
+        more = next(pieces, None) is not None
+    except DataError:  # of a later row; the reader tells it
+        more = True
+    return [f"least and greatest values are those of the first {len(values[name]):,} rows"] if more else []
 
 
 def _unread(rows: Rows, shown: Sequence[Mapping[str, Any]], dated: str) -> list[str]:
@@ -156,12 +183,12 @@ class _Looked:
         rows, name = self.rows, self.rows.names[at]
         ours = {c.bare: ours for ours, c in self.found.items()}.get(name, "")
         guess, x = self.proposed.get(name), self.values.get(name)
-        by = "told" if ours in self.told else "name" if ours else "guess" if guess else ""
+        by = "told" if ours in self.told else "guess" if guess else "name" if ours else ""
         c = self.found.get(ours)
         stated = split_unit(name)[1] or (rows.units[at].strip().strip("[]()") if rows.units is not None else "")
         unit = (c.unit or c.date) if c is not None else guess.unit if guess else None
         what = ours or (guess.ours if guess else "")
-        flip = (c.column != c.bare) if c is not None else bool(guess and guess.flip)
+        flip = guess.flip if guess else c is not None and c.column != c.bare
         document: dict[str, Any] = {
             "name": name,
             "stated": stated or "",
@@ -170,7 +197,7 @@ class _Looked:
             "by": by,
             "unit": unit or "",
             "flip": flip,
-            "why": guess.why if guess and not ours else "",
+            "why": guess.why if guess else "",
         }
         if x is None or not np.isfinite(x).any():
             return document

@@ -222,6 +222,8 @@ def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
     """Name all missing columns, each with the column that may be meant."""
     if not any(name.strip() for name in names):
         return f"the header, line 1, names no column; it needs {', '.join(missing)}"
+    if len(names) == 1 and len(names[0].split()) > len(missing):
+        return f"only one column, {names[0][:40]!r}: part the columns by commas, semicolons or tabs, not by blanks"
     constant = f"; a constant: --columns '{INLET}=22 °C'" if INLET in missing else ""
     if len(missing) > 1:
         mapped = ",".join(f"{name}={lookalike(name, names) or 'COLUMN'}" for name in missing)

@@ -8,7 +8,7 @@ from typing import Final
 
 from bms_gateway.report.columns import UNITS, bare_unit
 
-__all__ = ["MISSING", "Decimals", "is_number", "mark_of", "title_lines", "units_row"]
+__all__ = ["MISSING", "Decimals", "is_number", "mark_of", "title_lines", "units_row", "whole"]
 
 MISSING: Final = frozenset(
     ("", "na", "n/a", "#n/a", "#na", "nan", "null", "none", "nil", "-", "--", "---", "nv", "#nv")
@@ -91,7 +91,8 @@ def mark_of(lines: Sequence[str]) -> str:
 
     def judged(mark: str) -> tuple[bool, float, int]:
         rows = [next(csv.reader([line[:20_000]], delimiter=mark), []) for line in lines]
-        counts = [len(row) for row in rows[title_lines(rows) :]]
+        below = rows[title_lines(rows) :]
+        counts = [len(row) for row in [whole(below[0], below[-1]), *below[1:]]]
         like_head = sum(n == counts[0] for n in counts) / len(counts)
         return counts[0] > 1, like_head, counts[0]
 
@@ -116,8 +117,21 @@ def title_lines(rows: Sequence[Sequence[str]]) -> int:
     """
     usual = len(rows[-1])
     head = next((k for k, row in enumerate(rows) if 2 * sum(bool(c.strip()) for c in row) >= usual), 0)
-    named = len(rows[head]) == usual and not any(map(is_number, rows[head]))
+    named = len(whole(rows[head], rows[-1])) == usual and not any(map(is_number, rows[head]))
     return head if named and usual >= LEAST_COLUMNS else 0
+
+
+def whole(names: Sequence[str], row: Sequence[str]) -> list[str]:
+    """Return the names of a header beside a row of which only one ends with a separator.
+
+    Examples
+    --------
+    >>> whole(["t", "I", ""], ["0", "1"]), whole(["t", "I"], ["0", "1", ""]), whole(["t", "I"], ["0"])
+    (['t', 'I'], ['t', 'I', ''], ['t', 'I'])
+    """
+    if len(names) == len(row) + 1 and not names[-1].strip():
+        return list(names[:-1])
+    return [*names, ""] if len(row) == len(names) + 1 and not row[-1].strip() else list(names)
 
 
 def is_number(cell: str) -> bool:

@@ -1,12 +1,13 @@
-"""Encoding of a file that should be a table: UTF-8, UTF-16, Windows-1252; or that it is not text."""
+"""Encoding of a file that should be a table: UTF-8, UTF-16, Windows-1252, GB 18030; or that it is not text."""
 
 import codecs
 import io
+import re
 from typing import Any, Final
 
 from bms_gateway.errors import DataError
 
-__all__ = ["HEAD", "Recoded", "decoded", "refuse_others", "utf16"]
+__all__ = ["CALLED", "HEAD", "Recoded", "decoded", "refuse_others", "utf16"]
 
 HEAD: Final = 512
 """First bytes that identify the kind of a file."""
@@ -22,6 +23,12 @@ _OTHERS: Final = (
     (b"[{", "JSON: a table is CSV or Parquet"),
 )
 _CONTROL: Final = frozenset(range(32)) - frozenset(b"\t\n\r\x0b\x0c\x1a\x1c\x1d\x1e\x1f")
+
+CALLED: Final = {"cp1252": "Windows-1252", "gb18030": "GB 18030"}
+"""Names of the encodings of one country or region."""
+_HIGH: Final = re.compile(rb"[\x80-\xff]+")
+_CHINESE: Final = re.compile(rb"([\xa1-\xa3\xb0-\xd7][\xa1-\xfe])+")
+"""Signs (of which \u2103, a unit, is one) and the frequent characters; Windows-1252 has no words of such pairs."""
 
 
 def refuse_others(path: object, head: bytes) -> None:
@@ -95,7 +102,7 @@ class Recoded(io.RawIOBase):
 
 
 def decoded(path: object, raw: bytes, read: int, codec: str) -> tuple[str, str]:
-    """Decode whole lines as UTF-8, and from the first byte that is not UTF-8 on as Windows-1252.
+    """Decode whole lines as UTF-8, and from the first byte that is not UTF-8 on as Windows-1252 or Chinese.
 
     Returns
     -------
@@ -114,7 +121,8 @@ def decoded(path: object, raw: bytes, read: int, codec: str) -> tuple[str, str]:
         except UnicodeDecodeError as e:
             bad = e.start
         try:
-            return raw.decode("cp1252"), "cp1252"
+            codec = "gb18030" if all(map(_CHINESE.fullmatch, _HIGH.findall(raw))) else "cp1252"
+            return raw.decode(codec), codec
         except UnicodeDecodeError as e:
             bad = e.start
     raise DataError(f"{path}: not a text table (byte {read + bad})")

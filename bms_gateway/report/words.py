@@ -11,6 +11,7 @@ from typing import Final
 from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import catalogue, effect_named
 
+_MAPPED: Final = re.compile(r" \(map (it|them): --columns .*\)")
 _UNITS: Final = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "m2": "m²", "m3/s": "m³/s", "1": ""}
 """Units in model files and JSON, which can be typed, and in print."""
 _WRITTEN: Final = re.compile(rf"(?<=\d )({'|'.join(u for u in _UNITS if u != '1')})(?![\w/])")
@@ -120,3 +121,15 @@ def in_words(text: str) -> str:
     'Missing: reversible (entropic) heat (entropic_heat). At rest −3.7 A; R_1 = 0.2 ± 0.1 mΩ.'
     """
     return _WRITTEN.sub(lambda m: unit(m[0]), _MINUS.sub("−", labelled(text)))
+
+
+def on_page(text: str) -> str:
+    """Write an error for the page, which has a table of the columns in place of `--columns`.
+
+    Examples
+    --------
+    >>> on_page("a.csv: no column 'current_A'; 'I (A)' may be it (map it: --columns 'current_A=I (A)')")
+    "a.csv: no column 'current_A'; 'I (A)' may be it: say in the table of the columns which one it is"
+    """
+    constant = ", or type the inlet above it" if "; a constant: --columns" in text else ""
+    return _MAPPED.sub(f": say in the table of the columns which one it is{constant}", text)

@@ -67,7 +67,7 @@ def _message(can_id: int) -> str:
 def _signal(f: Field, name: str, scale: float, offset: float, unit: str, *, selects: bool = False) -> SignalInfo:
     mux = () if f.page is None else (Switch(_PAGE, (f.page,)),)
     raw = (-(1 << f.place.size - 1), (1 << f.place.size - 1) - 1) if f.place.signed else (0, (1 << f.place.size) - 1)
-    low, high = (scale * end + offset for end in raw)
+    low, high = (round(scale * end + offset, 9) for end in raw)
     return SignalInfo(
         "guessed.dbc", _message(f.can_id), name, f.place, False, scale, offset, low, high, unit, "", {}, mux,
         selects, None, False, f.can_id, None,

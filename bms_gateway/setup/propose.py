@@ -17,6 +17,7 @@ from bms_gateway.setup.find_electrical import (
     ADDS_UP,
     CELL_OHM,
     CELL_V,
+    NOMINAL_V,
     Electrical,
     Scored,
     cell_voltages,
@@ -271,12 +272,16 @@ def _voltage(
     sure = sure and not has(named(e.voltage.series.info), OTHER_THINGS)
     p = Proposed("voltage", e.voltage.series, e.voltage.factor, 0.0, sure=sure, why=list(e.voltage.why))
     if not adds and proposal.series_cells > 1:
+        known = not cells and e.cell_V != NOMINAL_V
         told = (
-            f"that there are {proposal.series_cells} cells in series is a guess: {e.voltage.middle:.4g} V at "
+            f"there are {proposal.series_cells} cells in series: {e.voltage.middle:.4g} V at {middle:.3g} V each, by "
+            "the signals of the greatest and least cell voltage"
+            if known
+            else f"that there are {proposal.series_cells} cells in series is a guess: {e.voltage.middle:.4g} V at "
             f"{middle:.3g} V each; no voltages of single cells add up to it"
         )
         p.why.append(told)
-        if not any("cells in series is a guess" in r for r in proposal.remarks):
+        if not known and not any("cells in series is a guess" in r for r in proposal.remarks):
             proposal.remarks.append(told)
     _told(p, rights)
     _put(proposal, p, strings)

@@ -23,7 +23,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     from bms_gateway.errors import GatewayError
-    from bms_gateway.report.words import labelled
+    from bms_gateway.report.words import labelled, on_page
     from bms_gateway.workbench.bench import Bench
 
     bench = Bench()
@@ -39,7 +39,7 @@ def main() -> None:
             try:
                 done = bench.answer(json.loads(line), tell, show)
             except GatewayError as e:
-                _say(answers, {"error": " ".join(str(e).split())})
+                _say(answers, {"error": on_page(" ".join(str(e).split()))})
             else:
                 _say(answers, {"done": done})
     except BrokenPipeError:

@@ -292,6 +292,8 @@ def test_a_value_beyond_all_bounds_is_told_without_a_warning_of_numpy(tmp_path, 
     ("times", "says"),
     [
         ([1.7e12, 1.7e12 + 100], "looks like milliseconds"),
+        ([1.7e15, 1.7e15 + 1e5], "looks like microseconds"),
+        ([1.764e18, 1.764e18 + 1e9], "looks like nanoseconds"),
         ([1e300, 2e300], "looks like milliseconds"),
         ([0, 100, 200, 300], "looks like milliseconds, it must be in seconds: it goes on by 100"),
         ([*range(0, 100, 10), 1e6], "spans 11.6 days"),

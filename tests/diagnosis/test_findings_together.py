@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.findings import sensor_sentences
+from bms_gateway.diagnosis.findings import sensor_sentences, stream_sentences
 from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Worst
 from bms_gateway.diagnosis.regimes import Bin, Regime
+from bms_gateway.thermal import StringModel
 
 
 def sensor(cell, mean_K, label="while the surface is above 30 °C"):
@@ -80,3 +81,25 @@ def test_what_no_regime_explains_is_told_as_the_largest_error_over_half_a_minute
     )
     together = sensor_sentences([unexplained(k) for k in range(1, 6)], (), (), 1)[0]
     assert together == "All cells are up to 0.19 K off over half a minute, and no single regime explains it."
+
+
+def test_an_error_that_changes_sign_along_the_string_asks_for_the_flow_of_the_coolant():
+    """Cells in a stream, and a model without one: a search takes it for a cell that is cooled worse."""
+    errors = dict(zip((1, 3, 5, 8, 10, 12), (-0.7, -0.5, -0.2, 0.2, 0.4, 0.7), strict=True))
+    without = chain(12, "natural")
+    found = stream_sentences(without, [constant(k, e) for k, e in errors.items()])
+    assert [text.partition(":")[0] for text in found] == [
+        "The mean error grows along the string, from -0.7 K (cell 1) to +0.7 K (cell 12), and in the model no coolant "
+        "warms from cell to cell"
+    ]
+    backwards = stream_sentences(without, [constant(13 - k, e) for k, e in errors.items()])
+    assert "falls along the string" in backwards[0]
+    assert "at the last cell first" in backwards[0]
+    assert stream_sentences(chain(12, "full"), [constant(k, e) for k, e in errors.items()]) == ()
+    assert stream_sentences(without, [constant(k, -0.7) for k in errors]) == ()
+    assert stream_sentences(without, [constant(k, e) for k, e in zip(errors, (-1, 2, -2, 1, -1, 1), strict=True)]) == ()
+    assert stream_sentences(without, [constant(1, -0.7), constant(12, 0.7)]) == ()
+
+
+def chain(cells, condition):
+    return StringModel(cells, tuple(range(1, cells + 1)), condition, {})

@@ -88,7 +88,10 @@ def at_its_bound():
 def test_a_number_at_its_bound_is_told_and_has_no_probability():
     """An effect whose number stood at its bound was shown with a probability of 100 %."""
     trial, found = at_its_bound()
-    assert "ends at its bound" in at_bound(trial.fit, trial.candidate)
+    said = at_bound(trial.fit, trial.candidate)
+    assert "ends at its bound" in said
+    assert any(said.startswith(f"{p.description} ({p.name}) ") for p in trial.candidate.effect.parameters)  # in words
+    assert not said.endswith(" 1")  # a number without a unit has none
     share, why = believed_share(trial)
     assert isnan(share)
     assert "no proof" in why

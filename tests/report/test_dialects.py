@@ -389,3 +389,38 @@ def test_what_excel_writes_where_nothing_is_available_is_no_value(tmp_path, word
     cells[3] = cells[7] = word
     t = read_table(put(tmp_path, text({"surface_1_C": cells})))
     assert np.flatnonzero(np.isnan(t.surface_C[1])).tolist() == [3, 7]
+
+
+@pytest.mark.parametrize(("header_ends", "rows_end"), [("\t", ""), ("", "\t"), ("\t", "\t")])
+def test_an_export_with_a_title_whose_header_or_rows_end_with_a_separator(tmp_path, header_ends, rows_end):
+    path = tmp_path / "GCPL.mpt.csv"
+    title = [
+        "EC-Lab ASCII FILE",
+        "Nb header lines : 6",
+        "",
+        "Modulo Bat",
+        "Acquisition started on : 11/27/2026 08:00:00",
+    ]
+    head = "mode\ttime/s\tEwe/V\tI/mA\tTemperature/°C" + header_ends
+    rows = [f"1\t{k:.6E}\t3.7000000E+000\t{1000 * (k % 3):.3E}\t{22 + k % 2}{rows_end}" for k in range(60)]
+    path.write_bytes("\r\n".join([*title, head, *rows, ""]).encode("latin-1"))
+    found = {c["name"]: c["ours"] for c in look(path)["columns"] if c["ours"]}
+    assert found == {
+        "time/s": "time_s",
+        "Ewe/V": "voltage_V",
+        "I/mA": "current_A",
+        "Temperature/°C": "surface_1_C",
+    }
+    columns = ["time_s=time/s", "current_A=-I/mA", "surface_1_C=Temperature/°C", "coolant_inlet_C=22 °C"]
+    table = read_table(path, parse_columns(columns))
+    assert table.time_s.tolist() == [float(k) for k in range(60)]
+    assert table.current_A.tolist() == [-float(k % 3) for k in range(60)]
+    assert table.surface_C[1].tolist() == [22.0 + k % 2 for k in range(60)]
+
+
+def test_columns_parted_by_blanks_are_told(tmp_path):
+    path = tmp_path / "blanks.csv"
+    rows = [f"{k}   {k % 3}   20.0   21.5" for k in range(30)]
+    path.write_text("\n".join(["time_s   current_A   coolant_inlet_C   surface_1_C", *rows]) + "\n")
+    with pytest.raises(DataError, match=r"only one column, .*: part the columns by commas, semicolons or tabs"):
+        read_table(path)

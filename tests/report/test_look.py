@@ -200,6 +200,8 @@ def test_words_are_parted():
     assert plain("packVoltage_V") == "pack voltage v"
     assert lookalike("current_A", ["Strom (A)", "U"]) == "Strom (A)"
     assert lookalike("current_A", ["current 1", "current 2"]) is None
+    assert lookalike("time_s", ["Step_Time(s)", "Test_Time(s)", "Date_Time"]) == "Test_Time(s)"  # either is right
+    assert lookalike("time_s", ["Time 1", "Time 2"]) is None
 
 
 def test_columns_without_numbers_and_decimal_commas_are_told(tmp_path):
@@ -231,3 +233,87 @@ def test_a_temperature_that_no_coolant_has_is_marked_before_the_table_is_opened(
     path.write_text("\n".join([f"time_s,current_A,inlet [{unit}],surface_1_C", *rows]) + "\n", encoding="utf-8")
     notes = look(path, parse_columns([f"coolant_inlet_C=inlet [{unit}]"]))["notes"]
     assert [n for n in notes if "would be" in n] == says
+
+
+def exported(path, head, rows, encoding="utf-8"):
+    path.write_text("\n".join([head, *(",".join(map(str, row)) for row in rows)]) + "\n", encoding=encoding)
+    return {c["name"]: c for c in look(path)["columns"]}
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("name", ["Current(A)", "current [A]"])
+def test_the_sign_of_a_current_whose_name_is_known_is_checked_by_the_voltage(tmp_path, name, sign):
+    rng = np.random.default_rng(7)
+    I = 5.0 * np.repeat(rng.standard_normal(40), 10)  # noqa: E741 - discharge positive
+    rows = [(k, round(sign * i, 3), round(3.7 - 0.03 * i, 4), 22, 23) for k, i in enumerate(I)]
+    found = exported(tmp_path / "cycler.csv", f"time_s,{name},Voltage(V),coolant_inlet_C,surface_1_C", rows)
+    assert (found[name]["ours"], found[name]["flip"]) == ("current_A", sign < 0)
+    assert found[name]["by"] == ("name" if sign > 0 else "guess")
+    assert ("the voltage rises with it" in found[name]["why"]) == (sign < 0)
+    assert found[name]["high"] == pytest.approx(I.max(), abs=1e-3)  # as it will be read
+    told = look(tmp_path / "cycler.csv", parse_columns([f"current_A={name}"]))["columns"][1]
+    assert (told["by"], told["flip"]) == ("told", False)  # what a person says is not guessed again
+
+
+def test_the_time_of_the_whole_test_is_proposed_and_not_that_of_its_steps(tmp_path):
+    clock = lambda k: f"{k // 3600}:{k // 60 % 60:02}:{k % 60:02}"  # noqa: E731
+    rows = [(k + 1, clock(k % 60), clock(k), k % 7, 3.7, 22) for k in range(200)]
+    found = exported(tmp_path / "neware.csv", "DataPoint,Time,Total Time,Current(mA),Voltage(V),T1", rows)
+    assert [c for c in found if found[c]["ours"] == "time_s"] == ["Total Time"]
+    rows = [(k % 60, k, k % 7, 22) for k in range(200)]
+    for head, expected in (("StepTime,TestTime", "TestTime"), ("t_step [s],Time [s]", "Time [s]")):
+        found = exported(tmp_path / "maccor.csv", f"{head},Amps,T1", rows)
+        assert [c for c in found if found[c]["ours"] == "time_s"] == [expected]
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("Vorlauftemperatur", "coolant_inlet_C"),
+        ("Kühlmitteltemperatur", "coolant_inlet_C"),
+        ("Kühlmitteleintrittstemperatur", "coolant_inlet_C"),
+        ("Zulufttemperatur", "coolant_inlet_C"),
+        ("Umgebungstemp.", "coolant_inlet_C"),
+        ("Raumtemperatur", "coolant_inlet_C"),
+        ("Außentemperatur", "coolant_inlet_C"),
+        ("Wassertemperatur ein", "coolant_inlet_C"),
+        ("T_KM_ein", "coolant_inlet_C"),
+        ("Rücklauftemperatur", ""),
+        ("Kühlmittelaustrittstemperatur", ""),
+        ("Zelltemperatur 3", "surface_3_C"),
+        ("Kerntemperatur", "core_1_C"),
+    ],
+)
+def test_german_compounds_are_parted(tmp_path, name, ours):
+    rows = [(k, k % 5, 20 + k % 2, 21) for k in range(30)]
+    found = exported(tmp_path / "table.csv", f"Zeit,Strom,{name} [°C],T1 [°C]", rows, "cp1252")
+    assert found[f"{name} [°C]"]["ours"] == ours
+
+
+def test_the_export_of_a_chinese_cycler_is_read(tmp_path):
+    rows = [(k, k % 5, 3.7, 22.5, 20) for k in range(30)]
+    path = tmp_path / "table.csv"
+    found = exported(path, "time_s,电流(A),电压(V),温度1(℃),Ambient(℃)", rows, "gb18030")
+    assert {c: (v["ours"], v["stated"]) for c, v in found.items()} == {
+        "time_s": ("time_s", ""),
+        "电流(A)": ("current_A", "A"),
+        "电压(V)": ("", "V"),
+        "温度1(℃)": ("surface_1_C", "℃"),
+        "Ambient(℃)": ("coolant_inlet_C", "℃"),
+    }
+    assert "not UTF-8 from line 1 on: read as GB 18030" in look(path)["notes"]
+    for western in ("Größe", "Prüfstand Öl °C", "T [°C] ± 1"):
+        path.write_bytes(f"time_s,{western}\n0,1\n1,2\n".encode("cp1252"))
+        assert look(path)["columns"][1]["name"] == western
+
+
+@pytest.mark.parametrize(("count", "all_seen"), [(100, True), (30_000, False)])
+def test_a_range_says_of_how_many_rows_it_is(tmp_path, count, all_seen):
+    path = tmp_path / "long.csv"
+    rows = [(k, k % 7, 20, 21.5) for k in range(count)]
+    high = exported(path, "time_s,current_A,coolant_inlet_C,surface_1_C", rows)["time_s"]["high"]
+    told = [n for n in look(path)["notes"] if "first" in n]
+    if all_seen:
+        assert (high, told) == (count - 1, [])
+    else:
+        assert told == [f"least and greatest values are those of the first {round(high) + 1:,} rows"]

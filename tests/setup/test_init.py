@@ -121,5 +121,9 @@ def test_the_greatest_reading_is_written_as_that_of_all_cells_and_the_others_as_
 
 @pytest.mark.parametrize("found", sorted(IN_SERIES), indirect=True)
 def test_the_voltage_of_an_extreme_cell_tells_how_many_are_in_series(found) -> None:
-    vehicle, _, _, said = found
+    vehicle, _, out, said = found
     assert said["series_cells"] == IN_SERIES[vehicle.name]
+    text = (out / "gateway.toml").read_text()
+    assert f"there are {said['series_cells']} cells in series" in text
+    assert "by the signals of the greatest and least cell voltage" in text
+    assert "is a guess" not in text  # the bus says it

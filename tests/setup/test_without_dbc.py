@@ -4,6 +4,7 @@ Where the bits really are is told by the DBC by which the simulated frames were 
 """
 
 import json
+import re
 
 import pytest
 
@@ -96,6 +97,7 @@ def test_the_guesses_are_a_dbc_that_leads_to_a_config_in_which_nothing_is_sure(s
     assert not (out / "gateway.toml").exists()
     text = (out / "guessed.dbc").read_text()
     assert "GUESSED by bms-gateway init" in text
+    assert max(len(number) for number in re.findall(r"\d+\.\d+", text)) <= 8  # no 3276.7000000000003
     messages = parse("guessed.dbc", text)
     assert messages
     assert all(m.name.startswith("GUESS_") for m in messages)

@@ -1,7 +1,13 @@
 """Words of the page: the number of things, capital letters, noughts, times; what is not used; no button twice."""
 
+import json
+import subprocess
+import sys
+
 import pytest
 
+from bms_gateway.config.model_file import format_model
+from bms_gateway.library.models import cell_model
 from tests.support.page_steps import FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import faults
@@ -74,3 +80,17 @@ def test_sensors_that_are_not_used_are_told_and_no_button_stands_there_twice(win
         adds = [text for text in page.run(BUTTONS) if text.startswith("Add ")]
         assert len(adds) == 1
         assert adds[0].endswith("thermocouples answer late (thermocouple_lag) at once")
+
+
+def test_an_error_of_a_column_names_what_the_page_has(tmp_path):
+    """The page has no option --columns."""
+    (tmp_path / "bench.csv").write_text("time_s,current_A,T1\n" + "".join(f"{k},1,20\n" for k in range(5)))
+    (tmp_path / "model.toml").write_text(format_model(cell_model("lg_m50")))
+    files = {"tables": [str(tmp_path / "bench.csv")], "model": str(tmp_path / "model.toml"), "columns": []}
+    wish = json.dumps({"do": "open", "folder": str(tmp_path), "files": files})
+    command = [sys.executable, "-m", "bms_gateway.workbench.worker"]
+    said = subprocess.run(command, input=wish + "\n", text=True, capture_output=True, check=True).stdout
+    error = json.loads(said.splitlines()[-1])["error"]
+    assert "no column 'coolant_inlet_C'" in error
+    assert "--columns" not in error
+    assert error.endswith(": say in the table of the columns which one it is, or type the inlet above it")
