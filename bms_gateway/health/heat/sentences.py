@@ -45,7 +45,8 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         return (
             f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(BAND_SD * f.heat_sd, 1)} W that no current "
             f"makes, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % sure{beside}){else_}: an "
-            "internal short is likely, stop, cool the string and watch the cell"
+            "internal short is likely (or heat from outside, as of sun or a heater): stop, cool the string and watch "
+            "the cell"
         )
     if f.code == "missing_heat":
         return (
@@ -79,6 +80,8 @@ def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str
         alike = k == of.kind or (Kind.HEAT < k < Kind.FLOW and Kind.HEAT < of.kind < Kind.FLOW)
         if alike and place == of.place:
             continue
+        if k == Kind.HEAT and of.kind is Kind.HEAT and abs(int(at.told[s, place] - at.told[s, of.place])) <= 1:
+            continue  # the sentence says that the heat may sit beside its cell
         if k == Kind.HEAT:
             name = f"heat in cell {at.told[s, place] + 1}"
         elif k < Kind.FLOW:
