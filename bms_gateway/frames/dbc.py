@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from math import isfinite
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Final, cast
 
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import EXTENDED
@@ -113,6 +113,10 @@ def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
     return None
 
 
+_HEAD: Final = 200
+"""Characters at the start of a DBC that contain its first word."""
+
+
 def _without(text: str, stray: set[tuple[str, str, str]]) -> str:
     """Leave out the statements about these signals, by kind of statement, number of the message and signal."""
     return _STATED.sub(lambda found: "" if found.groups() in stray else found[0], text)
@@ -121,7 +125,10 @@ def _without(text: str, stray: set[tuple[str, str, str]]) -> str:
 def _refuse_extremes(name: str, text: str) -> None:
     """Refuse content that no bus carries and for which a parser needs minutes or gigabytes."""
     if "\0" in text:
-        raise ConfigError(f"{name}: holds zero bytes, so it is no text of a DBC; give the vehicle's DBC file")
+        wide = "VERSION" in text[:_HEAD].replace("\0", "")
+        why = "is a DBC in UTF-16; save it as UTF-8 or Windows-1252"
+        other = "holds zero bytes, so it is no text of a DBC; give the vehicle's DBC file"
+        raise ConfigError(f"{name}: {why if wide else other}")
     _refuse_long_texts(name, text)
     signals = sum(1 for _ in _SIGNAL.finditer(text))
     if signals > MOST_SIGNALS:

@@ -9,7 +9,7 @@ from pathlib import Path
 from bms_gateway.config import model_file
 from bms_gateway.errors import ConfigError
 from bms_gateway.thermal import CONDITIONS, Condition, Prior, StringModel
-from bms_gateway.thermal.cells import cell_of, cell_priors
+from bms_gateway.thermal.cells import cell_of, cell_priors, cell_tolerances
 
 COOLANT_SD = 0.3
 """Relative standard deviation of a stated heat capacity flow."""
@@ -111,4 +111,4 @@ def cell_model(
             raise ConfigError(f'coolant_W_K: missing; condition = "{condition}" with several cells needs it')
         priors["C_f"] = Prior(coolant_W_K, COOLANT_SD)
     capacity = None if facts.capacity_Ah is None else facts.capacity_Ah * facts.parallel
-    return replace(bare, priors=priors, capacity_Ah=capacity)
+    return replace(bare, priors=priors, capacity_Ah=capacity, tolerances=cell_tolerances(facts, cells))

@@ -97,9 +97,6 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     placed = _place(proposal, warm, strings, cells, rights, traffic.seconds) if warm is not None else {}
     if warm is not None:
         _not_fitted(proposal, warm, dead)
-        lone = lone_temperatures(warm, series)
-        proposal.unused += [(s.path, why) for s, why in lone]
-        proposal.remarks += [f"{s.path}: {why}" for s, why in lone]
     if strings is not None:
         _strings(proposal, strings, factor, rights, placed, edges)
         electrical = next(iter(strings.own.values())).electrical
@@ -130,6 +127,7 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     if not own_inlets:
         _single(proposal, "coolant_inlet", inlet, rights)
     _single(proposal, "coolant_flow", flow, rights)
+    _lone(proposal, warm, series)
     leave_out_overlaps(proposal, traffic)
     hear_witnesses(proposal, edges)
     measure_heat(proposal, edges)
@@ -139,6 +137,14 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     proposal.signals.sort(key=lambda p: ORDER.index(p.role))
     _rest(proposal, series, candidates, voltages)
     return proposal
+
+
+def _lone(proposal: Proposal, warm: Surfaces | None, series: list[Series]) -> None:
+    """Say what the single temperatures of the battery are that have no role."""
+    has_role = {p.path for p in proposal.signals}
+    lone = [] if warm is None else [x for x in lone_temperatures(warm, series) if x[0].path not in has_role]
+    proposal.unused += [(s.path, why) for s, why in lone]
+    proposal.remarks += [f"{s.path}: {why}" for s, why in lone]
 
 
 def _place(

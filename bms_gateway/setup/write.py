@@ -27,7 +27,7 @@ from bms_gateway.setup.signal_words import numbers, of_liquid
 from bms_gateway.setup.thermal_time import time_contradiction
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
-from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
+from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, cell_tolerances, stated_parameters
 from bms_gateway.thermal.cells.facts import Cooling
 from bms_gateway.whole import whole_text
 
@@ -105,6 +105,11 @@ def write_setup(
         notes.append(
             f"the bus has a coolant, and '{cell.name}' does not say how the cell is cooled: R_u lies between still air "
             f"and liquid; --cell '{cell.name} liquid' says it (valid: {', '.join(get_args(Cooling))})"
+        )
+    elif cell is not None and cell.cooling == "still" and not _said_cooling(cell):
+        notes.append(
+            f"R_u is that of '{cell.name}' in still air, as no cooling is named; --cell '{cell.name} forced' says that "
+            f"a fan moves it (valid: {', '.join(get_args(Cooling))})"
         )
     try:
         for string, cells in enumerate(proposal.cells, 1):
@@ -212,9 +217,10 @@ def _model(
     nominal = abs(flow.factor) * flow.series.middle if flow is not None else 0.0
     condition: Condition = "single" if cells == 1 else "full" if nominal > 0 else "natural"
     priors = cell_priors(lumped, conduction=cells > 1)
+    liquid = _unsaid_cooling(proposal, lumped)
     if not known:
         priors = unknown_priors(lumped, resistance, conduction=cells > 1)
-    elif _unsaid_cooling(proposal, lumped):
+    elif liquid:
         still, cooled = (cell_priors(replace(lumped, cooling=c), conduction=False)["R_u"].value for c in COOLING)
         priors["R_u"] = Prior(math.sqrt(still * cooled), UNKNOWN_SD["R_u"])
     if resistance is not None:
@@ -236,6 +242,7 @@ def _model(
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=capacity,
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
+        tolerances=cell_tolerances(replace(lumped, cooling="liquid") if liquid else lumped, cells),
         cell_format=_in_words(lumped) if known else None,
     )
     # a wrong size or a wrong current may fit the drive well: the core is not proven
@@ -253,8 +260,11 @@ def _model(
 
 def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
     """Whether the inlet's name says liquid coolant while the description of the cell does not say its cooling."""
-    said = any(word in get_args(Cooling) for word in cell.name.split())
-    return not said and any(of_liquid(p.series.info) for p in proposal.of("coolant_inlet"))
+    return not _said_cooling(cell) and any(of_liquid(p.series.info) for p in proposal.of("coolant_inlet"))
+
+
+def _said_cooling(cell: CellFacts) -> bool:
+    return any(word in get_args(Cooling) for word in cell.name.split())
 
 
 def unknown_priors(lumped: CellFacts, resistance: float | None, *, conduction: bool) -> dict[str, Prior]:

@@ -16,7 +16,7 @@ from bms_gateway.setup.settle import missing, settle
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.write import AIR, LIQUID
 from bms_gateway.thermal import Condition, Prior, StringModel
-from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors
+from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, cell_tolerances
 from bms_gateway.workbench.looking import surfaces
 
 MODEL: Final = "model.toml"
@@ -84,6 +84,7 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=None if cell.capacity_Ah is None else cell.capacity_Ah * cell.parallel,
         flow=flow if condition == "full" else None,
+        tolerances=cell_tolerances(cell, cells),
         cell_format=cell.name,
     )
     path = folder / MODEL

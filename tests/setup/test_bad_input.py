@@ -20,6 +20,7 @@ def folder(tmp_path):
     (tmp_path / "text.log").write_text("this is no log\nat all\n")
     (tmp_path / "cut.log.gz").write_bytes(gzip.compress(b"(1.0) can0 100#00\n" * 9)[:20])
     (tmp_path / "bad.dbc").write_text("BO_ this is no DBC")
+    (tmp_path / "wide.dbc").write_text('VERSION ""\nBU_: A\n', encoding="utf-16")
     (tmp_path / "dir").mkdir()
     os.mkfifo(tmp_path / "pipe")
     return tmp_path
@@ -40,6 +41,7 @@ def folder(tmp_path):
         (["a.log", "--dbc", "dir"], 2, "dir: is a directory; expected a file"),
         (["a.log", "--dbc", "a.dbc", "--dbc", "pipe"], 2, "pipe: cannot be read: it came to no end in"),
         (["a.log", "--dbc", "cut.log.gz"], 2, "no text of a DBC"),
+        (["a.log", "--dbc", "wide.dbc"], 2, "wide.dbc: is a DBC in UTF-16; save it as UTF-8 or Windows-1252"),
         (["a.log", "--dbc", "a.log"], 2, "a.log"),
         (["a.log", "--dbc", "a.dbc", "--cell", "nonsense"], 2, "nonsense"),
         (["a.log", "--dbc", "a.dbc", "--cell", ""], 2, "cell"),

@@ -63,3 +63,12 @@ def test_alone_it_is_a_cell_nobody_knows_which(tmp_path):
     p = next(proposal.of("surface"))
     assert not p.sure
     assert any("where its sensor sits is not known" in why for why in p.why)
+
+
+def test_the_inlet_of_the_battery_is_not_said_to_be_unused(tmp_path):
+    """A TMS_T_BatIn was the sure inlet, and a sensor of an unknown place that is not used."""
+    inlet = drive(8).inlet
+    proposal, _ = found(MODULES | {"TMS_Act.TMS_T_BatIn": inlet}, tmp_path)
+    assert [p.path for p in proposal.of("coolant_inlet")] == ["TMS_Act.TMS_T_BatIn"]
+    assert "TMS_Act.TMS_T_BatIn" not in dict(proposal.unused)
+    assert not any("TMS_T_BatIn" in r for r in proposal.remarks)

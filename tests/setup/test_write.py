@@ -157,3 +157,19 @@ def test_a_scale_that_is_that_of_the_unit_is_no_second_conversion(tmp_path) -> N
     plan = load_config(tmp_path / "v" / "gateway.toml").plan
     soc = next(c for c in plan.strings[0].channels if c.quantity == "soc")
     assert soc.scale == pytest.approx(1e-4, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("words", "told", "R_u"),
+    [("21700 4p", True, 0.1), ("21700 still 4p", False, 0.1), ("21700 liquid 4p", False, 0.02)],
+)
+def test_cells_in_air_may_be_cooled_unequally_and_still_air_is_told(words, told, R_u, tmp_path, capsys) -> None:
+    """With 2 % from cell to cell, a fit of air-cooled cells that differ by 12 % found no number at all."""
+    warm = drive(8)
+    sensed = {"CellTemp1": warm.surface[:, 0], "CellTemp2": warm.surface[:, 1], "AmbientAirTemp": warm.inlet}
+    log, dbc = write(plain(sensed, unit="degC"), tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--cell", words, "--out", str(tmp_path / "v"), "--yes"]) == 0
+    assert ("in still air, as no cooling is named; --cell '21700 4p forced'" in capsys.readouterr().err) is told
+    model = read_model(tmp_path / "v" / "string_1.toml")
+    assert model.tolerances["cell_R_u"] == R_u
+    assert model.tolerances["cell_R_e"] == 0.02

@@ -2,7 +2,7 @@
 
 from bms_gateway.thermal.cells.cell_in_words import cell_of
 from bms_gateway.thermal.cells.facts import CellFacts, Chemistry, Cooling, Shape
-from bms_gateway.thermal.cells.priors import Stated, cell_priors, stated_parameters
+from bms_gateway.thermal.cells.priors import Stated, cell_priors, cell_tolerances, stated_parameters
 from bms_gateway.thermal.cells.published import FORMATS, PUBLISHED
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "Stated",
     "cell_of",
     "cell_priors",
+    "cell_tolerances",
     "stated_parameters",
 ]

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from bms_gateway.thermal.cells.facts import CellFacts
-from bms_gateway.thermal.parameters import KINDS, Prior
+from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES, KINDS, Prior
 
 SPECIFIC_HEAT: Final[Mapping[str | None, float]] = MappingProxyType(
     {"LFP": 1050.0, "NMC": 950.0, "NCA": 950.0, "LMO": 1000.0, "LCO": 950.0, None: 1000.0}
@@ -75,6 +75,10 @@ PAD_W_MK: Final = 0.15
 
 _HEAT = "Steinhardt et al. 2022 (review of measured heat capacities and conductivities)"
 _ROLL = "Drake et al. 2014, Forgez et al. 2010, Lin et al. 2014 (26650: 1.9 to 3.4 K/W), Steinhardt et al. 2022"
+
+COOLED_APART: Final = 0.1
+"""Relative sd of R_u from cell to cell in air or on pads: streams of a fan, neighbours and gaps differ by more than the
+2 % of a liquid along the sides. A fit with 2 % takes such cells for a missing effect and finds no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +173,19 @@ def cell_priors(cell: CellFacts, *, conduction: bool) -> dict[str, Prior]:
         for symbol, s in stated_parameters(cell).items()
         if conduction or symbol != "R_cc"
     }
+
+
+def cell_tolerances(cell: CellFacts, cells: int) -> dict[str, float]:
+    """How far the cells of a string differ, as `[tolerances]` of its model file.
+
+    Examples
+    --------
+    >>> from bms_gateway.thermal.cells import cell_of
+    >>> [cell_tolerances(cell_of(f"21700 {how}"), 12)["cell_R_u"] for how in ("forced", "liquid")]
+    [0.1, 0.02]
+    """
+    apart = {"cell_R_u": COOLED_APART} if cells > 1 and cell.cooling != "liquid" else {}
+    return {**DEFAULT_TOLERANCES, **apart}
 
 
 def _side_by_side(symbol: str, one: Stated, cells: int) -> Stated:

@@ -1,5 +1,5 @@
 // The table of columns: what each column of a foreign table is, with its unit and sign, guessed and to be confirmed.
-import { $, el, get, post, until, attempt, complain, many, sentence } from "./util.js";
+import { $, el, get, post, ui, until, attempt, complain, many, sentence } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
   voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
@@ -152,6 +152,14 @@ function again() {
     if (waiting === mine) { waiting = 0; await ask(); }
   }).catch((e) => complain(e.message));
 }
+
+// A page that goes away within this moment sends the choice as it leaves.
+addEventListener("pagehide", () => {
+  if (!waiting) return;
+  waiting = 0;
+  const body = new Blob([JSON.stringify({ tables: tables(), columns: said(), each: each() })], { type: "application/json" });
+  navigator.sendBeacon(`/api/look?${new URLSearchParams({ desk: ui.desk })}`, body);
+});
 
 // What was chosen last is looked at, and shown, before the tables are opened: a reload shows it then, and columns that are guessed are said to the reader.
 const LOOKS_MS = 200;
