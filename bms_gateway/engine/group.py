@@ -23,6 +23,7 @@ from bms_gateway.thermal import Floats
 GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
+LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)
 
@@ -142,7 +143,7 @@ class Group:
     def believed(self, y: Floats) -> Floats:
         """Return the surfaces (S, n) without those of thermocouples that are reported to be wrong.
 
-        They stay if fewer than half of the string's thermocouples would be left: then the model is in doubt.
+        They stay if fewer than two thermocouples of the string would be left.
         """
         if not (wrong := self._wrong()):
             return y
@@ -151,7 +152,7 @@ class Group:
             believed[place] = np.nan
         for j in {j for j, _ in wrong}:
             sensors = len(self.strings[j].plan.model.sensors)
-            if 2 * sum(i == j for i, _ in wrong) > sensors:
+            if sensors - sum(i == j for i, _ in wrong) < LEFT:
                 believed[j] = y[j]
         return believed
 
@@ -163,34 +164,26 @@ class Group:
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Mark cells (S, n) that no number of the model describes.
 
-        These are a cell that has run away, and its neighbours without a good reading of their own. `own` is the
-        `quality`. None: no cell has run away.
+        While a cell that has run away has no good reading, these are this cell, and those of its two neighbours
+        that have none either. `own` is the `quality`. None: no cell has run away.
         """
         if not any(s.fire for s in self.strings):
             return None
         marked = np.zeros(own.shape, np.bool_)
         for j, s in enumerate(self.strings):
             for k in s.fire:
-                beside = slice(max(k - 1, 0), k + 2)
-                marked[j, beside] |= own[j, beside] != GOOD
-                marked[j, k] = True
+                if own[j, k] != GOOD:
+                    beside = slice(max(k - 1, 0), k + 2)
+                    marked[j, beside] |= own[j, beside] != GOOD
         return marked
 
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for some single cells.
-
-        These are `cold` cores, and cells whose thermocouple is reported to be wrong.
-        """
+        """Quality (S, n), set to `doubtful` for strings whose cores are not proven and for `cold` cores."""
         doubted = [bool(s.doubts) for s in self.strings]
-        wrong = self._wrong()
-        if cold is None and not wrong and not any(doubted):
+        if cold is None and not any(doubted):
             return quality
         trusted = (quality == GOOD) | (quality == ESTIMATED)
-        without = np.repeat(np.array(doubted)[:, None], self.cells, axis=1)
-        if cold is not None:
-            without |= cold
-        for place in wrong:
-            without[place] = True
+        without = np.array(doubted)[:, None] if cold is None else np.array(doubted)[:, None] | cold
         return np.where(trusted & without, DOUBTFUL, quality)
 
 
