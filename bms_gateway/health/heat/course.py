@@ -10,6 +10,7 @@ from bms_gateway.health.heat.balances import MOST_LOSS
 from bms_gateway.health.heat.filter import CALM_RATE, OWN_FIRST, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.health.heat.usual import REFERENCE
+from bms_gateway.health.heat.voltage_witness import VoltageWitness
 from bms_gateway.thermal import Floats
 
 LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -100.0
@@ -97,8 +98,7 @@ class Course:
         Time for which the current has warmed the cells.
     apart : ndarray (S,)
         ln evidence on how much a cell with a thermocouple differs from the others.
-    denied : ndarray of bool (S,)
-        The voltage denies the current.
+    voltage : VoltageWitness
     """
 
     constant_inlet: Bools
@@ -120,7 +120,7 @@ class Course:
     unlike: Bools
     driven: Floats
     apart: Floats
-    denied: Bools
+    voltage: VoltageWitness
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -146,8 +146,13 @@ class Course:
             unlike=np.zeros(S, np.bool_),
             driven=np.zeros(S),
             apart=np.zeros(S),
-            denied=np.zeros(S, np.bool_),
+            voltage=VoltageWitness.of(CALM_RATE * f.balances.C.mean(axis=1)),
         )
+
+    @property
+    def denied(self) -> Bools:
+        """Which strings (S,) have a voltage that denies the current."""
+        return self.voltage.denies
 
     @property
     def doubt(self) -> Floats:

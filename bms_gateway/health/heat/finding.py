@@ -1,8 +1,11 @@
-"""A finding of the watch over heat."""
+"""A finding of the watch over heat, and what a step showed."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from bms_gateway.health.heat.fault_evidence import Kind
+from bms_gateway.health.heat.layout import Bools
+from bms_gateway.thermal import Floats
 
 
 @dataclass(slots=True)
@@ -51,3 +54,24 @@ class Finding:
     colder_ns: int | None = None
     still_s: float = 0.0
     sure: float = 1.0
+
+
+class SeenStep(NamedTuple):
+    """What the last step of one string showed.
+
+    Attributes
+    ----------
+    read : ndarray of bool (m,)
+        Thermocouples that were used.
+    gaps : ndarray (m,), K
+        Surfaces over the coolant, at the thermocouples.
+    cools : bool
+        Whether no current flows and all thermocouples fall: few thermocouples then cannot show heat.
+    age_s : float
+        s since the state was found anew.
+    """
+
+    read: Bools
+    gaps: Floats
+    cools: bool
+    age_s: float

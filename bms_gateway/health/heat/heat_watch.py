@@ -14,8 +14,8 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import LATE_S, ONE_FAULT_S, Evidence, Kind, Weighed
-from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter, Linear, Step
-from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
+from bms_gateway.health.heat.finding import Finding, SeenStep
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.positive import not_cooled
@@ -24,7 +24,6 @@ from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, 
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
-from bms_gateway.health.heat.voltage_witness import VoltageWitness
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
@@ -163,7 +162,6 @@ class HeatWatch:
         self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._sensors = Thermocouples(S, m)
-        self._witness = VoltageWitness.of(CALM_RATE * self.filter.balances.C.mean(axis=1))
         self._rest, self._now_ns = Rest.of(S), 0
         self._blind = np.zeros(S, np.bool_)
         self._seen = _Seen(np.ones((S, m), np.bool_), np.zeros((S, m)), np.zeros(S, np.bool_))
@@ -257,7 +255,7 @@ class HeatWatch:
         read = np.stack([t.y for t in self._ticked])[sensors]
         ages = np.stack([t.age for t in self._ticked])[sensors]
         (y, R), (heat, current, unknown) = self._sensors.take(read), self._heats()
-        self.course.denied = self._witness.take(heat.mean(axis=(0, 2)), [t.by_voltage for t in self._ticked], f.dt)
+        self.course.voltage.take(heat.mean(axis=(0, 2)), [t.by_voltage for t in self._ticked], f.dt)
         when = weights(read, ages, self._grid.tick_s, len(self._grid.merged))
         read_inlet = np.asarray(np.isfinite([t.inlet for t in self._ticked]).any(axis=0), np.bool_)
         self._ticked = []
@@ -392,8 +390,8 @@ class HeatWatch:
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
-            v.read, v.gaps, v.cools = self._seen.used[v.s], self._seen.gaps[v.s], bool(self._seen.cools[v.s])
-            v.age_s = float(self._age[v.s])
+            seen = self._seen
+            v.seen = SeenStep(seen.used[v.s], seen.gaps[v.s], bool(seen.cools[v.s]), float(self._age[v.s]))
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # without a reading, a finding neither begins nor ends
             if of_note[v.s] or v.findings:

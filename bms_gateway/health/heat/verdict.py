@@ -25,7 +25,7 @@ from bms_gateway.health.heat.course import (
 from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
-from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.finding import Finding, SeenStep
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.prior_odds import ln_prior
@@ -82,14 +82,8 @@ class Verdict:
         Thermocouples whose readings are not used.
     woke_ns : int or None
         When the string last woke from a sleep.
-    read : ndarray of bool (m,)
-        Thermocouples that were used in the last step.
-    gaps : ndarray (m,), K
-        Surfaces over the coolant, at the thermocouples, in the last step.
-    cools : bool
-        Whether no current flows and all thermocouples fall: few thermocouples then cannot show heat.
-    age_s : float
-        s since the state was found anew.
+    seen : SeenStep
+        What the last step showed.
     burning : bool
         Whether a surface of the string is over its limit, or a cell runs away: heat of the string has then not ended.
     """
@@ -101,10 +95,7 @@ class Verdict:
     aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
-    read: Bools = field(init=False)
-    gaps: Floats = field(init=False)
-    cools: bool = False
-    age_s: float = 0.0
+    seen: SeenStep = field(init=False)
     burning: bool = False
     _proven: bool = False
     _stands: int = 0
@@ -118,7 +109,8 @@ class Verdict:
 
     def __post_init__(self) -> None:
         self.aside = np.zeros(self.of.at.sensed, np.bool_)
-        self.read, self.gaps = np.ones(self.of.at.sensed, np.bool_), np.zeros(self.of.at.sensed)
+        m = self.of.at.sensed
+        self.seen = SeenStep(np.ones(m, np.bool_), np.zeros(m), cools=False, age_s=0.0)
 
     @property
     def hot(self) -> bool:
@@ -192,7 +184,7 @@ class Verdict:
             hold_films(E, w, self.evidence, self.s)
         if self._proven:
             E[kinds >= Kind.FLOW] = -np.inf
-        elif self.cools and self.course.few[self.s] and self.aside.any():
+        elif self.seen.cools and self.course.few[self.s] and self.aside.any():
             E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
@@ -264,7 +256,9 @@ class Verdict:
         sizes = {place: amplitude}
         slips = kind is Kind.JUMP and amplitude < 0.0 and heats_at(self.findings, int(f.at.sensors[s, place]))
         if kind is Kind.HEAT:
-            if self.age_s < YOUNG_S and self.course.unlike[s] and not self.hot:  # the state was found with this heat
+            if (
+                self.seen.age_s < YOUNG_S and self.course.unlike[s] and not self.hot
+            ):  # the state was found with this heat
                 f.unlearn(s)
             sizes = share_out(f, self.evidence, self.course, s, w, fault)
         else:
@@ -367,9 +361,9 @@ class Verdict:
         """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
-            low = g.colder_ns is None and has_ended(f, s, g, self.gaps)
+            low = g.colder_ns is None and has_ended(f, s, g, self.seen.gaps)
             failed = failed_since(self.findings, g, len(self.aside))
-            seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.read & ~failed)
+            seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.seen.read & ~failed)
             return self._quiet(g, now_ns, low and seen and not self.burning, ENDED_S)
         if g.kind is Kind.JUMP and not self.aside[g.place]:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)

@@ -35,8 +35,13 @@ class VoltageWitness:
         """Start without knowledge."""
         return cls(least, np.zeros_like(least), np.full_like(least, np.nan))
 
-    def take(self, shown: Floats, by_voltage: Sequence[Floats | None], dt: float) -> Bools:
-        """Include a step of `dt` seconds; return which strings (S,) have a voltage that denies the current.
+    @property
+    def denies(self) -> Bools:
+        """Which strings (S,) have a voltage that denies the current."""
+        return np.asarray((self.shown > self.least) & (self.witnessed < DENIES * self.shown), dtype=np.bool_)
+
+    def take(self, shown: Floats, by_voltage: Sequence[Floats | None], dt: float) -> None:
+        """Include a step of `dt` seconds.
 
         Parameters
         ----------
@@ -51,4 +56,3 @@ class VoltageWitness:
         self.shown = self.shown + (shown - self.shown) * share
         before = np.where(np.isfinite(self.witnessed), self.witnessed, witnessed)
         self.witnessed = before + (witnessed - before) * share
-        return np.asarray((self.shown > self.least) & (self.witnessed < DENIES * self.shown), dtype=np.bool_)
