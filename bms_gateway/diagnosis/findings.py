@@ -9,6 +9,7 @@ from bms_gateway.diagnosis.error_words import rises
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
+from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.thermal import StringModel
 
 WORTH = 0.1
@@ -98,7 +99,7 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
 def tie_sentences(model: StringModel) -> tuple[str, ...]:
     """Say which effects of a model may be others, according to the records by which they were added."""
     return tuple(
-        f"The records by which {e.key} was added cannot tell it from {', '.join(e.tied_with)}: "
+        f"The records by which {e.key} was added cannot tell it from {', '.join(alternatives(e.tied_with))}: "
         f"{'it' if len(e.tied_with) == 1 else 'each of them'} would explain them as well."
         for e in model.effects
         if e.tied_with

@@ -62,5 +62,19 @@ def missing(
         if s.bound:
             text += f" {s.bound}, which is no proof of {s.candidate.key}: another cause may be behind it."
         if s.tied_with:
-            text += f" These readings cannot tell {s.candidate.key} from {', '.join(s.tied_with)}."
+            text += f" These readings cannot tell {s.candidate.key} from {', '.join(alternatives(s.tied_with))}."
     return text + (" Something unknown remains." if remains else "")
+
+
+def alternatives(keys: Sequence[str]) -> list[str]:
+    """List effects that look alike; an effect of more than three cells is listed once.
+
+    >>> alternatives(["core_loss", "cell_cooling:1", "cell_cooling:2", "cell_cooling:3", "cell_cooling:4"])
+    ['core_loss', 'cell_cooling (4 cells)']
+    """
+    cells: dict[str, list[str]] = {}
+    for key in dict.fromkeys(keys):
+        cells.setdefault(key.partition(":")[0], []).append(key)
+    return [
+        word for name, each in cells.items() for word in (each if len(each) <= 3 else [f"{name} ({len(each)} cells)"])
+    ]

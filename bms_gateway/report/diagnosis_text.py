@@ -17,6 +17,7 @@ from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import Errors, Number, Selected, errors
+from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
 from bms_gateway.report.step_names import REFITTED, with_added
@@ -193,7 +194,8 @@ def diagnosis_text(told: Told) -> str:
         # with one effect, the sentence has already named it
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [
-            labelled(f"These readings cannot tell {name} from {', '.join(others)}.") for name, others in tied.items()
+            labelled(f"These readings cannot tell {name} from {', '.join(alternatives(others))}.")
+            for name, others in tied.items()
         ]
     if told.core is not None:
         parts.append(core_text(told.core))

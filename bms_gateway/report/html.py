@@ -20,6 +20,7 @@ from bms_gateway.diagnosis.error_words import only_fitted
 from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.diagnosis.record_finding import Finding
+from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_sentence, numbers_remark, outside, thermocouple_sentence
@@ -319,9 +320,7 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
         parts.append(f"<h3>{escape(named(c.key))}</h3><pre>{escape(c.effect.equation)}</pre>")
         parts.append(paragraph(f"How it shows: {c.effect.signature}."))
     if tied:
-        parts.append(
-            paragraph(f"These data cannot tell it from {', '.join(labelled(t) for t in dict.fromkeys(tied))}.")
-        )
+        parts.append(paragraph(f"These data cannot tell it from {', '.join(labelled(t) for t in alternatives(tied))}."))
     return "\n".join(parts)
 
 

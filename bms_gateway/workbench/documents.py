@@ -16,6 +16,7 @@ from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import Errors, errors
+from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence
@@ -206,7 +207,7 @@ def _standing(r: Standing, part: Part, drawn: bool) -> Document:
         "error_K": finite(r.error_K),
         "without_K": finite(r.without_K),
         "numbers": [in_words(t) for t in number_lines(r.effects, r.parameters)],
-        "tied": [in_words(t) for t in r.tied_with],
+        "tied": [in_words(t) for t in alternatives(r.tied_with)],
         "refused": in_words(r.refused),
         "drawn": drawn,
     }

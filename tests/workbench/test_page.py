@@ -308,6 +308,12 @@ def test_the_live_page_plays_a_log(window, tmp_path, axe):
         page.wait("return document.querySelector('#play').innerText === 'Play'")
         page.run("const t = document.querySelector('#time'); t.value = '42'; t.dispatchEvent(new Event('input'));")
         page.wait("return document.querySelector('#at').dataset.s === '42'")
+        page.click("#play")
+        page.wait("return document.querySelector('#play').innerText === 'Play again'")  # at its end
+        page.click("#play")
+        page.wait("return document.querySelector('#play').innerText === 'Pause'")
+        page.click("#play")
+        page.wait("return document.querySelector('#play').innerText === 'Play'")
         assert "no health flag" in page.text("#panel-live").lower()
         assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0
         assert faults(page, axe) == []

@@ -19,6 +19,8 @@ const degrees = (x) => (x === null ? "–" : fixed(x, 1));
 const band = (half) => (half === null ? "" : ` ± ${half.toFixed(1)}`);
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 
+const PLAY = { Play: { play: true }, Pause: { play: false }, "Play again": { play: true, seek: 0 } };
+
 export function prepare(known, grafana) {
   about = known;
   view = sessionStorage.getItem("view") || about.view;
@@ -27,7 +29,7 @@ export function prepare(known, grafana) {
   const log = about.kind === "log";
   const controls = el("div", { id: "live-head" },
     el("h2", {}, log ? `Playing ${about.title}` : `Live on ${about.title}`),
-    el("button", { type: "button", id: "play", onclick: () => steer({ play: $("play").textContent === "Play" }) }, "Pause"),
+    el("button", { type: "button", id: "play", onclick: () => steer(PLAY[$("play").textContent]) }, "Pause"),
     el("span", {}, el("label", { for: "speed" }, "Speed "), el("select", { id: "speed", onchange: (e) => steer({ speed: Number(e.target.value) }) },
       ...about.speeds.map((s) => el("option", { value: s }, `${s}×`)))),
     el("label", { for: "time" }, "Time"),
@@ -90,7 +92,8 @@ function picture(p) {
   if (!p.ticks) return;
   if (!sliding) { $("time").max = Math.max(p.last, p.at); $("time").value = p.at; put($("at"), `${when(p, p.at)} of ${when(p, p.last, wallMs(p, p.at))}`); $("at").dataset.s = p.at; }
   $("time").setAttribute("aria-valuetext", when(p, p.at));
-  put($("play"), p.playing ? "Pause" : "Play");
+  const over = about.kind === "log" && p.playing && p.last > 0 && p.at >= p.last;
+  put($("play"), over ? "Play again" : p.playing ? "Pause" : "Play");
   if (document.activeElement !== $("speed")) $("speed").value = p.speed;
   if ($("follow")) $("follow").disabled = p.following;
   banner(p);
