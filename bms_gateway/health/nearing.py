@@ -1,8 +1,8 @@
 """Warns before a string reaches its limit at the present load.
 
 A forecast is made every ten seconds. The warning begins when two forecasts in a row reach the limit within ten minutes.
-It ends when two forecasts in a row stay `BACK_K` below the limit, or when the limit is reached: then the alarm of the
-limit takes over.
+It ends when the forecasts of two minutes stay `BACK_K` below the limit, or when the limit is reached: then the alarm
+of the limit takes over.
 """
 
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ from bms_gateway.health.alerts import Condition, Fact, Severity
 
 HOLD = 2
 """Number of forecasts in a row that must agree: a load of a few seconds does not heat a cell to its limit."""
-BACK_K = 1.0
-"""K below the limit at which the warning ends, so that forecasts that scatter about the limit make one warning."""
+BACK_K, BACK_HOLD = 1.0, 12
+"""K below the limit at which the warning ends, and for how many forecasts: a load that swings makes one warning."""
 PHASES_S = (60.0, 120.0, 300.0)
 """The warning is reported again when the time to the limit falls below one of these."""
 
@@ -84,7 +84,7 @@ class Nearing:
         if approach is None:
             self._for = 0
             self._against = self._against + 1 if not hottest_C > self._limit - BACK_K else 0
-            if self._against >= HOLD:
+            if self._against >= BACK_HOLD:
                 self.condition = None
             return
         self._for, self._against = self._for + 1, 0

@@ -31,11 +31,20 @@ def test_one_burst_is_not_told_and_near_misses_do_not_end_it() -> None:
         assert n.condition is None
     n.take(SOON, 66.0)
     n.take(SOON, 66.0)
-    for hottest in (59.5, 59.2, 58.0, 59.5, 58.0):  # never two in a row a kelvin below
+    for hottest in (59.5, 59.2, *[58.0] * 11, 59.5, *[58.0] * 11):  # never for two minutes a kelvin below
         n.take(None, hottest)
         assert n.condition is not None
     n.take(None, 58.0)
     assert n.condition is None
+
+
+def test_a_load_that_swings_makes_one_warning() -> None:
+    n, told = Nearing("s", 60.0), 0
+    for k in range(360):  # an hour: half a minute of load, a minute without
+        before = n.condition
+        n.take(*((SOON, 66.0) if k % 9 < 3 else (None, 55.0)))
+        told += before is None and n.condition is not None
+    assert told == 1
 
 
 def test_it_is_over_when_the_limit_is_reached_or_nothing_is_known() -> None:
@@ -48,8 +57,9 @@ def test_it_is_over_when_the_limit_is_reached_or_nothing_is_known() -> None:
         assert n.condition is None
     n.take(SOON, 66.0)
     n.take(SOON, 66.0)
-    n.take(None, nan)
-    n.take(None, nan)
+    for _ in range(12):
+        assert n.condition is not None
+        n.take(None, nan)
     assert n.condition is None
 
 
