@@ -206,7 +206,7 @@ class HeatFilter:
         No thermocouple of class 1 is so far off: the cell may have been hot when the state was found.
         """
         off = np.where(self.at.fitted, self.z[:, self.at.bias], 0.0)
-        return np.asarray(off.max(axis=1) > HOT_OFFSET_K, dtype=np.bool_)
+        return np.asarray((off.max(axis=1) > HOT_OFFSET_K) & ~self.usual.alone, dtype=np.bool_)
 
     def unlearn(self, s: int) -> None:
         """Set the states of string `s` but the temperatures to those of an unknown sound string.

@@ -256,9 +256,8 @@ class Verdict:
         sizes = {place: amplitude}
         slips = kind is Kind.JUMP and amplitude < 0.0 and heats_at(self.findings, int(f.at.sensors[s, place]))
         if kind is Kind.HEAT:
-            if (
-                self.seen.age_s < YOUNG_S and self.course.unlike[s] and not self.hot
-            ):  # the state was found with this heat
+            young = self.seen.age_s < YOUNG_S and not (self.hot or f.usual.alone[s])
+            if young and self.course.unlike[s]:  # the state was found with this heat
                 f.unlearn(s)
             sizes = share_out(f, self.evidence, self.course, s, w, fault)
         else:
