@@ -44,9 +44,11 @@ async function refresh() {
       job(state.job);
       fault(state.error);
       runs(state.job?.title);
+      newest(state.job);
       road.show(state);
       if (!state.job?.trial) plots.trying(null);
       await plots.show(state, fresh);
+      newest(state.job);
       plots.trying(state.job?.trial);
       document.body.dataset.version = version;
       document.body.dataset.busy = state.job ? state.job.kind : "";
@@ -63,8 +65,15 @@ function job(j) {
   $("job-text").textContent = j.text;
 }
 
+// What was fetched may be older than what was heard meanwhile: a fit on its way never goes back.
+let told = null;
+function newest(j) {
+  if (j && told?.trial && told.kind === j.kind && told.title === j.title && told.share >= j.share) j.trial = told.trial;
+}
+
 function heard(news) {
   const kind = news.job?.kind ?? "";
+  told = news.job ?? null;
   // progress alone changes the bar; everything else is fetched
   if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); plots.trying(news.job.trial); return; }
   busy = kind;
