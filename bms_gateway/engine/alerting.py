@@ -100,11 +100,9 @@ class Alerting:
         if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):
             new = self.runaway.told
             told = [Notice(t1, Level.WARNING, "runaway", c.text, c.string, c.cell) for c in new]
-        any_runaway = bool(self.runaway.latched.any())
         for s in self._estimators.strings:
             s.hot = self.limits.over(s.mine)
-            s.fire = tuple(np.flatnonzero(self.runaway.latched[s.mine]).tolist()) if any_runaway else ()
-            s.runaway = bool(s.fire)
+            s.fire = tuple(np.flatnonzero(self.runaway.latched[s.mine]).tolist())
             s.burning = s.runaway or self.limits.measured_over(s.mine)
         return told
 
@@ -138,9 +136,7 @@ class Alerting:
         """Which cells (N,) have a thermocouple that is reported to be wrong: alone, it ends no alarm."""
         wrong = np.zeros(len(self._estimators.newest.core), np.bool_)
         for s in self._estimators.strings:
-            for f in s.health.heat:
-                if f.code == "thermocouple" and f.cell is not None:
-                    wrong[s.mine.start + f.cell - 1] = True
+            wrong[[s.mine.start + k for k in s.wrong]] = True
         return wrong
 
     def _conditions(self, *, quiet: bool) -> Iterator[Condition]:

@@ -145,21 +145,14 @@ class Group:
 
         They stay if fewer than two thermocouples of the string would be left.
         """
-        if not (wrong := self._wrong()):
+        wrong = {j: s.wrong for j, s in enumerate(self.strings) if s.wrong}
+        if not wrong:
             return y
         believed = y.copy()
-        for place in wrong:
-            believed[place] = np.nan
-        for j in {j for j, _ in wrong}:
-            sensors = len(self.strings[j].plan.model.sensors)
-            if sensors - sum(i == j for i, _ in wrong) < LEFT:
-                believed[j] = y[j]
+        for j, cells in wrong.items():
+            if len(self.strings[j].plan.model.sensors) - len(cells) >= LEFT:
+                believed[j, list(cells)] = np.nan
         return believed
-
-    def _wrong(self) -> list[tuple[int, int]]:
-        """List strings and 0-based cells whose thermocouple is reported to be wrong."""
-        heard = ((j, f) for j, s in enumerate(self.strings) for f in s.health.heat)
-        return [(j, f.cell - 1) for j, f in heard if f.code == "thermocouple" and f.cell is not None]
 
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Mark cells (S, n) that no number of the model describes.

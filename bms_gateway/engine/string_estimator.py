@@ -135,9 +135,9 @@ class StringEstimator:
         With `ageing` and `mismatch`, which are used most.
     kept : CellNumbers or None
         Numbers of the cells from the commissioning run.
-    hot, burning, runaway : bool
+    hot, burning : bool
         `hot`: a cell is above its limit, or its core is unknown because of heat. `burning`: a measured surface is above
-        its limit, or a cell runs away. `runaway`: a cell has run away.
+        its limit, or a cell runs away.
     fire : tuple of int
         0-based cells that have run away.
     forecast : Forecast or None
@@ -160,7 +160,6 @@ class StringEstimator:
     kept: CellNumbers | None = None
     hot: bool = False
     burning: bool = False
-    runaway: bool = False
     fire: tuple[int, ...] = ()
     forecast: Forecast | None = None
 
@@ -238,6 +237,16 @@ class StringEstimator:
             own.health.self_discharge = SelfDischarge(n, plan.model.capacity_Ah)
         own.estimates = own.known()
         return own
+
+    @property
+    def runaway(self) -> bool:
+        """Whether a cell has run away."""
+        return bool(self.fire)
+
+    @property
+    def wrong(self) -> tuple[int, ...]:
+        """0-based cells whose thermocouple is reported to be wrong."""
+        return tuple(f.cell - 1 for f in self.health.heat if f.code == "thermocouple" and f.cell is not None)
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Heat that no current makes, and what looks like it: minutes to the alert, causes, cores.
 
-`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--layout NAME] [--json F]`
+`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--layout NAME] [--volts] [--json F]`
 
 Strings come from `heat_case`, whose truth is no code of the package. Seeds below 1000 were used while settings were
 chosen; the figures are of seeds from there on. An alert that comes before the fault counts as false;
@@ -10,7 +10,7 @@ hours of strings without one: `heat_life`.
 import argparse
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -18,7 +18,9 @@ import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.heat_tick import HeatTick
-from tests.benchmarks.heat_case import LAYOUTS, PACKS, Case, Made, make, model, with_seeds
+from bms_gateway.identify.voltage import VoltageTracker
+from tests.benchmarks.heat_case import AMPS, LAYOUTS, PACKS, Case, Made, make, model, with_seeds
+from tests.truth.pack import CAPACITY_AH
 
 FIRST_SEED = 1000
 RIGHT = {
@@ -53,8 +55,10 @@ def follow(made: list[Made]) -> list[Told]:
     inside = np.zeros((S, case.cells))
     count, age = np.zeros(S), np.zeros((S, case.cells))
     nothing = np.full((S, case.cells), np.nan)
+    heat = by_voltage(made)
     for k in range(case.seconds):
-        for s, f in watch.add((k + 1) * 10**9, HeatTick(I[:, k] ** 2, I[:, k], inlet[:, k], y[:, k], age)) or ():
+        tick = HeatTick(I[:, k] ** 2, I[:, k], inlet[:, k], y[:, k], age, None, None if heat is None else heat[:, k])
+        for s, f in watch.add((k + 1) * 10**9, tick) or ():
             if f.level:
                 alerts[s].append((k + 1, f.code, f.cell))
         if k >= case.at + 300 and k % 30 == 0:
@@ -69,6 +73,18 @@ def follow(made: list[Made]) -> list[Told]:
     sick, healthy = share[:, case.cell - 1], share[:, others].mean(axis=1) if others.any() else unheard
     judged = np.where(count > 0, [sick, healthy], np.nan).T.tolist()
     return [Told(a, *x) for a, x in zip(alerts, judged, strict=True)]
+
+
+def by_voltage(made: list[Made]) -> np.ndarray | None:
+    """Heat of a mean cell (S, K), W, as the gateway takes it from the voltage; None where there is none on the bus."""
+    if not made[0].case.volts:
+        return None
+    out = np.full((len(made), made[0].case.seconds), np.nan)
+    for s, x in enumerate(made):
+        tracker = VoltageTracker(CAPACITY_AH * AMPS[x.case.pack])
+        for k, (I, V) in enumerate(zip(x.current.tolist(), x.voltage.tolist(), strict=True)):  # noqa: E741
+            out[s, k] = tracker.update(I, V, I * V, 1.0).heat
+    return out
 
 
 def score(cases: list[Case]) -> dict[str, object]:
@@ -150,12 +166,14 @@ def main() -> None:
     ask.add_argument("--first", type=int, default=FIRST_SEED)
     ask.add_argument("--only", nargs="*", default=[], help="faults")
     ask.add_argument("--layout", choices=LAYOUTS, default="three sensors", help="which cells have a thermocouple")
+    ask.add_argument("--volts", action="store_true", help="the voltage is on the bus")
     ask.add_argument("--json")
     args = ask.parse_args()
     rows = []
     for c in table() if args.layout == "three sensors" else few(args.layout):
         if args.only and c.fault not in args.only:
             continue
+        c = replace(c, volts=args.volts)
         rows.append(score(with_seeds(c, range(args.first, args.first + args.seeds))))
         print(" ".join(f"{k}={v}" for k, v in rows[-1].items()), flush=True)
     if args.json:

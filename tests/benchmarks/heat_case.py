@@ -10,7 +10,8 @@ import numpy as np
 
 from bms_gateway.thermal import Prior, StringModel
 from tests.truth.drives import udds, urban, us06
-from tests.truth.pack import integrate, terms
+from tests.truth.hidden import open_circuit
+from tests.truth.pack import CAPACITY_AH, integrate, terms
 
 CELLS, SENSORS = 12, (2, 6, 10)
 PACKS = {
@@ -59,6 +60,8 @@ class Case:
         Normal life at its hardest: unrecorded flow steps, ambient, cold start, R_e(T).
     cells, sensors : int, tuple of int
         How many, and which have a thermocouple.
+    volts : bool
+        The voltage of the pack is on the bus.
     """
 
     pack: str
@@ -75,11 +78,15 @@ class Case:
     hard: bool = True
     cells: int = CELLS
     sensors: tuple[int, ...] = SENSORS
+    volts: bool = False
 
 
 @dataclass(frozen=True)
 class Made:
-    """What the gateway sees of it, and the truth: current (K,), inlet (K,), y (K, n), core (K, n)."""
+    """What the gateway sees of it, and the truth: current, inlet, voltage (K,), y, core, surface (K, n).
+
+    The voltage is that of a mean cell, V; NaN where it is not on the bus.
+    """
 
     case: Case
     current: np.ndarray
@@ -87,6 +94,7 @@ class Made:
     y: np.ndarray
     core: np.ndarray
     surface: np.ndarray
+    voltage: np.ndarray
 
 
 def model(pack: str, cells: int = CELLS, sensors: tuple[int, ...] = SENSORS) -> StringModel:
@@ -148,7 +156,7 @@ def _break(x, c: Case) -> None:
     elif c.fault in ("scale", "stuck"):
         real = x.I.copy()
         real[c.at :] *= c.size
-        x.I, x.I2, x.I_abs = real, real**2, np.abs(real)
+        x.I, x.I2, x.I_abs, x.rows = real, real**2, np.abs(real), real
 
 
 def make(cases: list[Case]) -> list[Made]:
@@ -156,10 +164,26 @@ def make(cases: list[Case]) -> list[Made]:
     rngs = [np.random.default_rng([c.seed, sum(map(ord, c.pack + c.drive))]) for c in cases]
     parts = [_terms(c, rng) for c, rng in zip(cases, rngs, strict=True)]
     traces = integrate([p[0] for p in parts])
-    return [_read(c, rng, *p[1:], tr) for c, rng, p, tr in zip(cases, rngs, parts, traces, strict=True)]
+    return [_read(c, rng, *p, tr) for c, rng, p, tr in zip(cases, rngs, parts, traces, strict=True)]
 
 
-def _read(c: Case, rng: np.random.Generator, current: np.ndarray, air: np.ndarray, tr) -> Made:
+def _voltage(c: Case, x, tr) -> np.ndarray:
+    """Voltage of a mean cell (K,), by the current that flows, in steps of 2 mV."""
+    if not c.volts:
+        return np.full(c.seconds, np.nan)
+    rng = np.random.default_rng([c.seed, 0x56])
+    moved = np.cumsum(x.I) / 3600.0 / (CAPACITY_AH * AMPS[c.pack])
+    soc = np.clip(rng.uniform(0.5, 0.8) - moved, 0.05, 0.97)
+    lagged, polarised, kept = 0.0, np.empty(c.seconds), np.exp(-1.0 / 40.0)
+    for k, amps in enumerate(x.I):
+        lagged = kept * lagged + (1.0 - kept) * amps
+        polarised[k] = lagged
+    slow = 0.25 * x.R_e[:, 0] * polarised  # diffusion, which builds up in 40 s; its heat is not in the truth
+    V = open_circuit(soc, c.seed % 2 == 0) - tr.overpotential - slow + 0.002 * rng.normal(size=c.seconds)
+    return np.round(V / 0.002) * 0.002
+
+
+def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.ndarray, tr) -> Made:
     K, n = c.seconds, c.cells
     surface, coolant, core = tr.surface[1:].copy(), tr.coolant[1:], tr.core[1:]
     offset = rng.normal(0, 0.2, n) + np.cumsum(rng.normal(0, 0.1 / 60.0, (K, n)), axis=0)
@@ -189,7 +213,7 @@ def _read(c: Case, rng: np.random.Generator, current: np.ndarray, air: np.ndarra
     y = np.round(y / c.step) * c.step if c.step else y
     inlet = np.round(inlet / 0.01) * 0.01
     sensed = np.isin(np.arange(n), np.array(c.sensors) - 1)
-    return Made(c, current, inlet, np.where(sensed, y, np.nan), core, tr.surface[1:])
+    return Made(c, current, inlet, np.where(sensed, y, np.nan), core, tr.surface[1:], _voltage(c, x, tr))
 
 
 def with_seeds(case: Case, seeds) -> list[Case]:

@@ -53,11 +53,12 @@ def batch(number: int, first: int, layout: str) -> dict[str, object]:
     cells, sensors, cell = LAYOUTS[layout]
     pack, drive, step = KINDS[number % len(KINDS)]
     seconds = 3600 * HOURS[number // len(KINDS) % len(HOURS)]
-    sound = Case(pack, 0, seconds, drive, at=seconds, step=step, cells=cells, sensors=sensors, cell=cell)
+    volts = bool(number // len(KINDS) % 2)  # rounds without and with the voltage on the bus
+    sound = Case(pack, 0, seconds, drive, at=seconds, step=step, cells=cells, sensors=sensors, cell=cell, volts=volts)
     seeds = range(first + number * BATCH, first + (number + 1) * BATCH)
     told = follow(make(with_seeds(sound, seeds)))
     alerts = [[seed, *a] for seed, t in zip(seeds, told, strict=True) for a in t.alerts]
-    kind = {"pack": pack, "drive": drive, "step": step, "layout": layout}
+    kind = {"pack": pack, "drive": drive, "step": step, "layout": layout, "volts": volts}
     return kind | {"seed": seeds.start, "hours": BATCH * seconds / 3600, "alerts": alerts}
 
 

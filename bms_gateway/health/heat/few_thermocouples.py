@@ -42,8 +42,6 @@ def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
     gaps : ndarray (m,), K
         Surfaces over the coolant, at the thermocouples.
     """
-    at = f.at
-    apart = np.where(at.fitted[s], np.abs(at.sensors[s] - at.told[s, g.place]), at.cells)
-    gap = float(gaps[int(apart.argmin())])
+    gap = float(gaps[int(f.at.apart(s, g.place).argmin())])
     g.warmest = max(g.warmest, gap)
     return gap < COOLED * g.warmest

@@ -376,8 +376,12 @@ class HeatFilter:
     def doubt_offset(self, s: int, place: int, residual: float) -> None:
         """Let thermocouple `place` of string `s`, which is used again, have an offset of about this size, K."""
         i = self.at.bias.start + place
+        self.part(s, i, self.usual.sd[s, i] ** 2 + residual**2)
+
+    def part(self, s: int, i: int, var: float) -> None:
+        """Let state `i` of string `s` be known with this variance, and independent of the others."""
         self.P[s, i, :], self.P[s, :, i] = 0.0, 0.0
-        self.P[s, i, i] = self.usual.sd[s, i] ** 2 + residual**2
+        self.P[s, i, i] = var
 
     def open_heat(self, s: int, k: int, watts: float) -> None:
         """Allow unexplained heat in the `k`-th observed cell from now on."""

@@ -133,6 +133,10 @@ class Layout:
         """Places of the cells' own u."""
         return slice(self.own_load.stop, self.own_load.stop + self.near)
 
+    def apart(self, s: int, place: int, used: Bools | bool = True) -> Ints:
+        """Cells between observed cell `place` of string `s` and each thermocouple (m,); all where one is not used."""
+        return np.where(self.fitted[s] & used, np.abs(self.sensors[s] - self.told[s, place]), self.cells)
+
     def nearest(self) -> Ints:
         """For each cell (S, n) the cell with the nearest thermocouple, 0-based."""
         apart = np.abs(np.arange(self.cells)[:, None] - self.sensors[:, None, :])

@@ -80,9 +80,7 @@ def may_be_heat(
 
 def watched(f: HeatFilter, s: int, place: int, used: Bools) -> bool:
     """Return whether one of the used thermocouples (m,) observes the observed cell number `place`."""
-    at = f.at
-    near = np.abs(at.sensors[s] - at.told[s, place]) <= 1
-    return bool((near & at.fitted[s] & used).any())
+    return bool((f.at.apart(s, place, used) <= 1).any())
 
 
 def known(e: Evidence, s: int, w: Weighed, place: int, told: Sequence[Finding]) -> int | None:

@@ -46,7 +46,7 @@ def left_by(f: HeatFilter, s: int, g: Finding, used: Bools) -> int | None:
     """
     at = f.at
     g.hottest = max(g.hottest, float(f.z[s, 2 * at.told[s, g.place] + 1]))
-    apart = np.where(at.fitted[s] & used, np.abs(at.sensors[s] - at.told[s, g.place]), at.cells)
+    apart = at.apart(s, g.place, used)
     if apart.min() > 1:
         return None
     now, sd = heat_there(f, s, g.place, g.places)
@@ -61,7 +61,6 @@ def as_found(f: HeatFilter, s: int, g: Finding) -> None:
     rise = UNKNOWN_SHARE * g.size * float(p.R_c[here] + p.R_u[here])
     heats = {f.at.heat.start + j: g.size if j == g.place else 0.0 for j in g.places}
     for i, sd in (*((h, UNKNOWN_SHARE * g.size) for h in heats), (k, rise), (k + 1, rise)):
-        f.P[s, i, :], f.P[s, :, i] = 0.0, 0.0
-        f.P[s, i, i] = sd**2
+        f.part(s, i, sd**2)
     for h, watts in heats.items():
         f.z[s, h] = watts

@@ -253,7 +253,7 @@ class Verdict:
         if again is not None:
             return self._accept(again, int(w.ln[s, :, again].argmax()), w, share, sure, now_ns)
         age_s = float(self.evidence.ages(s)[onset])
-        sizes = {place: amplitude}
+        sizes, bias = {place: amplitude}, f.z[s, f.at.bias].copy()
         slips = kind is Kind.JUMP and amplitude < 0.0 and heats_at(self.findings, int(f.at.sensors[s, place]))
         if kind is Kind.HEAT:
             young = self.seen.age_s < YOUNG_S and not (self.hot or f.usual.alone[s])
@@ -261,10 +261,7 @@ class Verdict:
                 f.unlearn(s)
             sizes = share_out(f, self.evidence, self.course, s, w, fault)
         else:
-            bias = f.z[s, f.at.bias].copy()
             f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
-            if slips:  # its readings are compared with what it read before
-                f.z[s, f.at.bias] = bias
         self.evidence.forget(s)
         self._stands = 0
         new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
@@ -276,9 +273,11 @@ class Verdict:
         if kind is Kind.HEAT:
             tells = self._heats(new, sizes)
         else:
-            tells = self._is_off(new) if kind is Kind.INLET else self._fails(new, slips=slips)
+            tells = self._is_off(new) if kind is Kind.INLET else self._fails(new)
         if not tells:
             return []
+        if slips:  # more will follow; what it reads is compared with what it read before
+            self.aside[place], f.z[s, f.at.bias] = True, bias
         self.findings.append(new)
         self._write(new, now_ns)
         return [new]
@@ -301,17 +300,13 @@ class Verdict:
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
         return not any(g.code == new.code and place in g.places for g in self.findings)
 
-    def _fails(self, new: Finding, *, slips: bool) -> bool:
-        """Make a finding of a thermocouple's fault, if it is large enough; all but a jump set it aside.
-
-        A thermocouple that `slips`, a jump downwards on a cell that heats, is set aside, too: more will follow.
-        """
+    def _fails(self, new: Finding) -> bool:
+        """Make a finding of a thermocouple's fault, if it is large enough; all but a jump set it aside."""
         s, place = self.s, new.place
         new.code, new.cell = "thermocouple", int(self.of.at.sensors[s, place]) + 1
         if new.kind is Kind.JUMP:
             if abs(new.size) < max(LEAST_JUMP, COARSE * float(self.course.fine[s, place])):
                 return False
-            self.aside[place] = slips
         else:
             self.aside[place] = True
         self.findings = [g for g in self.findings if (g.code, g.cell) != (new.code, new.cell)]
@@ -336,7 +331,7 @@ class Verdict:
             if place is None or fire or not self._held(g.colder_ns, now_ns, COLDER_S):
                 continue
             new = Finding("", None, 1, g.colder_ns or now_ns, kind=Kind.LAG, place=place, size=1.0)
-            self._fails(new, slips=True)
+            self._fails(new)
             as_found(self.of, self.s, g)
             self.evidence.forget(self.s)
             self.findings.append(new)
