@@ -195,13 +195,16 @@ def sensors(fit: MapFit) -> tuple[Sensor, ...]:
         runs = [fit.r[mine & used & (record == r)] for r in range(len(sizes))]
         long = [r for r in runs if len(r) > max(LAGS)]
         s = structure_of(long) if long else Structure(0.0, 0.0, 1.0)
+        # a coarse step is an interval to a fit: the sizes of r and of the error differ
+        r = fit.r[mine & used]
+        in_K = float(np.sqrt(np.mean(error[mine & used] ** 2) / max(np.mean(r**2), 1e-12))) if len(r) else 0.0
         offset = record[mine] * (APART_S + float(t.max()))
         found.append(
             Sensor(
                 k,
                 level(error, sigma, mine & used),
                 level(error, sigma, mine & ~used),
-                s.size * float(np.mean(sigma[mine])),
+                s.size * in_K,
                 float(s.z),
                 own / total,
                 _worst(error[mine], t[mine], record[mine], s.inflation),

@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.diagnosis.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.report.core_text import UNKNOWN_K
-from bms_gateway.report.html_series import Clock, Shown, Trace, broken, envelope, held_out, smooth
+from bms_gateway.report.html_series import Clock, Shown, Trace, breaks_of, broken, envelope, held_out, smooth
 from bms_gateway.report.page import Figure, numbers
 from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.report.words import unit
@@ -57,7 +57,7 @@ GRID = "#e3e3e3"
 def layout(height: int, m: Measured, clock: Clock, **more: Any) -> dict[str, Any]:
     """Return the common layout of all figures over the time of a record."""
     t = instants_of(m)
-    x = axis(f"time, {clock.unit}", range=clock(t[[0, -1]]))
+    x = axis(f"time, {clock.unit}", range=clock.around(float(t[0]), float(t[-1])))
     return {
         "height": height,
         "margin": {"l": 64, "r": 14, "t": 34, "b": 42},
@@ -174,7 +174,7 @@ def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) ->
     height = 1.0 / len(rows)
     for i, (title, y, color) in enumerate(rows):
         suffix = "" if i == 0 else str(i + 1)
-        t, few = envelope(3600.0 * u.hours, y, points)
+        t, few = broken(*envelope(3600.0 * u.hours, y, points), breaks_of(m))
         one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False)
         if title != inlet:
             one["line"]["shape"] = STEPS

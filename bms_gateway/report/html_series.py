@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 
@@ -109,6 +110,10 @@ class Clock:
         """Convert times to the unit of the axis, to a twentieth of a second or better."""
         return [round(x, 4) for x in (np.asarray(t) / self.seconds).tolist()]
 
+    def around(self, first: float, last: float) -> list[float]:
+        """Return the ends of an axis, in its unit, that contain both times, s, in spite of rounding."""
+        return [floor(1e4 * first / self.seconds) / 1e4, ceil(1e4 * last / self.seconds) / 1e4]
+
 
 def clock(longest_s: float) -> Clock:
     """Choose minutes or hours."""
@@ -183,8 +188,10 @@ def broken(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Flo
     return np.insert(t, at[inside], np.asarray(breaks_s)[inside]), np.insert(y, at[inside], np.nan)
 
 
-def missing_in(t: Floats) -> tuple[float, ...]:
+def missing_in(t: Floats, *, held: bool = False) -> tuple[float, ...]:
     """Return the middle, s, of each time without readings that is too long for a straight line.
+
+    Of values that are `held`, it is the time up to which the last one may be held.
 
     Examples
     --------
@@ -195,13 +202,22 @@ def missing_in(t: Floats) -> tuple[float, ...]:
     """
     if len(t) < LEAST_ROWS:
         return ()
-    wide = np.flatnonzero(np.diff(t) > bridged(t)[1])
+    longest, apart = bridged(t)
+    wide = np.flatnonzero(np.diff(t) > apart)
+    if held:
+        return tuple((t[wide] + longest).tolist())
     return tuple(float(x) for x in (t[wide] + t[wide + 1]) / 2.0)
 
 
 def points_each(traces: int) -> int:
     """Return the number of points that a trace of a page may have."""
     return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
+
+
+def extent(m: Measured) -> tuple[float, float]:
+    """Return first and last time of a record, s since it began, with the interval that its last rows only begin."""
+    t = instants_of(m)
+    return float(t[0]), float(t[-1] + m.drive.dt)
 
 
 def breaks_of(m: Measured) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ A figure contains what does not depend on the model. The curves of a step are a 
 """
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ import numpy as np
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K
 from bms_gateway.diagnosis.record_inputs import Columns
-from bms_gateway.diagnosis.regimes import instants_of, seconds_of
+from bms_gateway.diagnosis.regimes import seconds_of
 from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import UNKNOWN_K
-from bms_gateway.report.html_figures import SURFACE, axis, cores, drive, layout, overlay
+from bms_gateway.report.html_figures import STEPS, SURFACE, axis, cores, drive, layout, overlay
 from bms_gateway.report.html_series import (
     Clock,
     Trace,
@@ -25,6 +26,7 @@ from bms_gateway.report.html_series import (
     broken,
     clock,
     envelope,
+    extent,
     missing_in,
     smooth,
     traces_of,
@@ -99,16 +101,17 @@ def readings(
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
                 spec["layout"]["yaxis"]["title"]["text"] = f"cell {trace.cell}: {SURFACE}"
                 samples = _every(file, "surface", cell, m, (trace.time_s, trace.measured))
-                at, y = broken(*samples, sorted((*trace.breaks_s, *missing_in(samples[0]))))
-                spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
+                spec["data"] = [_shelved(spec["data"][0], shelf, *_open(m, time, samples))]
                 spec["span"] = {"yaxis": _span(samples[1])}
                 found[f"surface-{r}-{cell}"] = {**spec, "seconds": time.seconds}
         spec = drive(m, time, m.drive.N, nominal_m3_s)
         drawn = [(_floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
         for i, quantity in enumerate(OF_THE_DRIVE):
             x, y = drawn[i]
-            t, y = _every(file, quantity, None, m, (x * time.seconds, y))
-            drawn[i] = t / time.seconds, y
+            samples = _every(file, quantity, None, m, (x * time.seconds, y))
+            drawn[i] = _open(m, time, samples, held=spec["data"][i]["line"].get("shape") == STEPS)
+        last = max(float(x.max()) for x, _ in drawn)
+        spec["layout"]["xaxis"]["range"][1] = max(spec["layout"]["xaxis"]["range"][1], ceil(1e4 * last) / 1e4)
         spec["data"] = [_shelved(d, shelf, *one) for d, one in zip(spec["data"], drawn, strict=True)]
         found[f"drive-{r}"] = {**spec, "seconds": time.seconds}
     return found
@@ -117,15 +120,21 @@ def readings(
 def _every(
     file: tuple[Columns, float], quantity: Quantity, cell: int | None, m: Measured, used: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return time, s since the record began, and value of every plausible row; the fit's own values if as many."""
+    """Return time, s since the record began, and value of every plausible row; the fit's values if no row has one."""
     columns, began = file
     y = columns.of(quantity, cell)
     if y is None:
         return used
     low, high = INPUTS[quantity].plausible
-    t, ends = columns.time_s - began, instants_of(m)
-    mine = (t >= ends[0]) & (t <= ends[-1]) & (y >= low) & (y <= high)
-    return (t[mine], y[mine]) if np.count_nonzero(mine) > np.count_nonzero(np.isfinite(used[1])) else used
+    t, (first, last) = columns.time_s - began, extent(m)
+    mine = (t >= first) & (t <= last) & (y >= low) & (y <= high)
+    return (t[mine], y[mine]) if mine.any() else used
+
+
+def _open(m: Measured, time: Clock, samples: tuple[Floats, Floats], *, held: bool = False) -> tuple[Floats, Floats]:
+    """Interrupt a line where the record does and where rows are missing; its times in the unit of the axis."""
+    t, y = broken(*samples, sorted({*breaks_of(m), *missing_in(samples[0][np.isfinite(samples[1])], held=held)}))
+    return t / time.seconds, y
 
 
 def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:

@@ -7,7 +7,6 @@ from typing import Any, Final
 import numpy as np
 
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.diagnosis.regimes import instants_of
 from bms_gateway.errors import DataError, did_you_mean
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.records.kind import log_kind
@@ -15,7 +14,7 @@ from bms_gateway.report.columns import OWN, Column, bare_unit, find_columns, qua
 from bms_gateway.report.file_rows import Rows
 from bms_gateway.report.guess import is_percent
 from bms_gateway.report.html_figures import BLACK, STEPS, axis, layout, line, shaded
-from bms_gateway.report.html_series import clock
+from bms_gateway.report.html_series import breaks_of, broken, clock, extent, missing_in
 from bms_gateway.report.look import look
 from bms_gateway.report.page import Figure
 from bms_gateway.report.table import converted, dates_of, known, open_table, parse_columns
@@ -23,6 +22,8 @@ from bms_gateway.thermal import Floats
 from bms_gateway.workbench.series import Shelf
 
 HEIGHT: Final = 170
+HELD: Final = ("current_A", "soc", "coolant_flow_m3_s")
+"""Quantities that are held from row to row, whatever their values."""
 STAYS: Final = 0.5
 """Share of the rows that equal the previous row, above which a column is drawn in steps."""
 EPOCH_S: Final = 1e8
@@ -71,7 +72,7 @@ def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Meas
     """
     if log_kind(path) is not None:
         raise DataError(f"{path.name}: a log has no columns: tracks are drawn of tables")
-    ends = instants_of(m)[[0, -1]]
+    ends = extent(m)
     with open_table(path) as rows:
         if name not in rows.names:
             raise DataError(f"{path.name}: no column {name!r}{did_you_mean(name, rows.names)}")
@@ -92,10 +93,13 @@ def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Meas
     spec = layout(HEIGHT, m, axis_of, yaxis=axis(unit), shapes=shaded(m, axis_of))
     spec["title"] = {"text": f"{base}, {unit}" if unit else base, "font": {"size": 13}, "x": 0.01, "xanchor": "left"}
     drawn = {k: v for k, v in line([], [], base, BLACK, width=1.2, showlegend=False).items() if k not in ("x", "y")}
-    if _switches(y[inside]):
+    held = what in HELD or _switches(y[inside])
+    if held:
         drawn["line"]["shape"] = STEPS
+    t, y = t[inside], y[inside]
+    t, y = broken(t, y, sorted({*breaks_of(m), *missing_in(t[np.isfinite(y)], held=held)}))
     return {
-        "data": [{**drawn, "kept": shelf.keep(t[inside] / axis_of.seconds, y[inside])}],
+        "data": [{**drawn, "kept": shelf.keep(t / axis_of.seconds, y)}],
         "layout": spec,
         "seconds": axis_of.seconds,
     }

@@ -55,3 +55,53 @@ def test_a_minute_shows_every_row_though_the_fit_takes_means(tmp_path, cells, ho
         assert np.allclose(np.array(shown["y"])[inside], rows[name][want], atol=1e-3)
     whole = drawn(figures["surface-0-1"], tmp_path)["data"][0]
     assert np.nanmax(whole["y"]) == pytest.approx(rows["surface_1_C"].max(), abs=1e-3)
+
+
+def with_faults(log, fault, rng):
+    """Rows of a log with a fault: rows without a current, rows at uneven times, a long gap, or an odd last row."""
+    rows = {k: v.copy() for k, v in log.table.items() if k.startswith(("time_s", "surface_", "current_A", "coolant"))}
+    n = len(rows["time_s"])
+    if fault == "holes":
+        rows["current_A"][rng.choice(np.arange(5, n - 5), 20, replace=False)] = np.nan
+    elif fault == "uneven":
+        keep = np.sort(rng.choice(n, n // 3, replace=False))
+        rows = {k: v[keep] for k, v in rows.items()}
+    elif fault == "gap":
+        rows["time_s"][n // 2 :] += 3600.0
+    else:
+        rows["current_A"][-1] = -199.0
+    return rows
+
+
+@pytest.mark.parametrize("every_s", [1.0, 0.25])
+@pytest.mark.parametrize("fault", ["holes", "uneven", "gap", "last"])
+def test_current_and_inlet_are_the_rows_of_the_file_and_a_gap_is_open(tmp_path, fault, every_s):
+    log = make_log(Scenario(cells=2, sensors=(1, 2), noise=0.05, seconds=1500, seed=5, columns=()))
+    rows, model = with_faults(log, fault, np.random.default_rng(6)), parse_model(log.model)
+    rows["time_s"] = rows["time_s"] * every_s if fault != "gap" else rows["time_s"]
+    with (tmp_path / "odd.csv").open("w", newline="") as file:
+        write = csv.writer(file)
+        write.writerow(rows)
+        write.writerows([("" if x != x else x for x in row) for row in zip(*rows.values(), strict=True)])
+    seen = []
+    (record,) = read_measurements([tmp_path / "odd.csv"], model=model, reading=Reading(seen=seen.append))
+    shelf = Shelf(tmp_path)
+    began = float(record.instants[0])
+    figures = pictures.readings([measured(record, model)], shelf, [(seen[0], began)])
+    shelf.save()
+    unit, axis = figures["drive-0"]["seconds"], figures["drive-0"]["layout"]["xaxis"]["range"]
+    for k, name in enumerate(("current_A", "coolant_inlet_C")):
+        shown = drawn(figures["drive-0"], tmp_path)["data"][k]
+        t, y = np.array(shown["x"]) * unit, np.array(shown["y"], np.float64)
+        want = np.isfinite(rows[name])
+        read = np.isfinite(y)
+        assert np.allclose(t[read], rows["time_s"][want] - began, atol=1e-3)
+        assert np.allclose(y[read], rows[name][want], atol=1e-3)
+        assert axis[0] <= t[read][0] / unit + 1e-9
+        assert t[read][-1] / unit <= axis[1] + 1e-9
+        if fault == "gap":
+            before, after = np.flatnonzero(read & (t < 1200.0))[-1], np.flatnonzero(read & (t > 3000.0))[0]
+            opened = t[before + 1 : after]
+            assert len(opened), "the gap is bridged by a line"
+            if name == "current_A":
+                assert opened[0] < t[before] + 60.0, "a current is held for an hour that nobody measured"

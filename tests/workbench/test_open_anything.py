@@ -1,5 +1,6 @@
 """Opening in a real browser: a foreign table by its columns, a cell by a form, a log with its DBC, the example."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ DROP = (
     "const dt = new DataTransfer(); dt.items.add(new File([arguments[1]], arguments[0]));"
     "dispatchEvent(new DragEvent('drop', {dataTransfer: dt, cancelable: true}))"
 )
+SENT_LATE = "navigator.sendBeacon('/api/look?desk=' + JSON.parse(sessionStorage.workbench).desk, b);"
+"""What a page that was left may still have sent."""
 IS = "return [...document.querySelectorAll('#mapping tbody tr')].map(r => r.querySelector('select').value)"
 
 
@@ -185,6 +188,9 @@ def test_an_inlet_that_nobody_recorded_is_typed(window, url, pack, tmp_path, axe
     page.run(f"{typed} location.reload()", "22 °C")  # at once, before what was typed has been looked at
     page.wait("return document.querySelector('#inlet')?.value === '22 °C'")
     page.idle()
+    late = json.dumps({"tables": ["chamber.csv"], "each": [["coolant_inlet_C=23 °C"]]})
+    page.run(f"const b = new Blob([{late!r}], {{type: 'application/json'}});" + SENT_LATE)  # after the page is loaded
+    page.wait("return document.querySelector('#inlet')?.value === '23 °C'")
     page.run(typed, "295,15 K")
     page.click("#open")
     compared(page)

@@ -12,6 +12,7 @@ const PLAIN = { time: "s", current: "A", temperature: "°C", voltage: "V", soc: 
 let groups = []; // tables with the same columns: what the server told of each, and the rows that the person sees
 let told = ""; // what the server told last
 let opened = false; // a record is open
+let asks = false; // this page has asked, or is about to
 let given = new Map(); // columns of tables that are open, which nobody has looked at since
 
 const parts = (ours) => { const m = /^(surface|core|cell_voltage)_(\d+)_/.exec(ours); return m ? [m[1], Number(m[2])] : [ours, 0]; };
@@ -32,7 +33,8 @@ function pairs(g) {
   }).concat(g.inlet && !hasInlet(g) ? [`coolant_inlet_C=${g.inlet}`] : []);
 }
 
-// Takes what the server found in the tables; what a person chose before stays where the columns are the same.
+// Takes what the server found in the tables; what a person chose before stays where the columns are the same. A page that has
+// asked for nothing yet knows less than the server, which may still be at work on what the page before it has sent.
 export function show(found, isOpen) {
   if (isOpen !== opened) { opened = isOpen; if (groups.length) draw(); }
   const now = JSON.stringify(found);
@@ -43,7 +45,7 @@ export function show(found, isOpen) {
   for (const look of found.tables) {
     const same = groups.find((g) => header(g.look) === header(look));
     if (same) { same.sources.push(look.source); continue; }
-    const old = before.find((g) => header(g.look) === header(look));
+    const old = !asks ? null : before.find((g) => header(g.look) === header(look));
     const g = { look, sources: [look.source], inlet: old?.inlet ?? look.inlet ?? "", rows: old?.rows ?? look.columns.map((c, at) => {
       const [what, cell] = parts(c.ours);
       return { at, name: c.name, what, cell, unit: unitOf(look, c), flip: c.flip, by: c.by, why: c.why, touched: false };
@@ -144,6 +146,7 @@ function curve(points) {
 const CHOSEN_MS = 200;
 let choices = 0, waiting = 0; // the choice that waits to be looked at; 0: none
 function again() {
+  asks = true;
   waiting = 0;
   if (groups.some((g) => twice(g).length)) return;
   const mine = waiting = ++choices;
@@ -189,6 +192,7 @@ export const keep = (files) => { given = new Map(files.tables.map((t, k) => [t, 
 // One after the other: what is asked last is told last.
 let asked = Promise.resolve();
 export const ask = () => {
+  asks = true;
   const mine = asked.catch(() => null).then(() => post("look", { tables: tables(), columns: said(), each: each() }));
   asked = mine;
   return mine;

@@ -448,6 +448,7 @@ function chosenOne() {
   add(keys);
 }
 
+const readyBox = el("span", { id: "report-ready", role: "status" });
 const takeFiles = el("div", {}), takeLines = el("div", {});
 
 function away() {
@@ -459,7 +460,7 @@ function away() {
   const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
   takeFiles.replaceChildren(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
-    el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
+    el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown"), " ", readyBox),
     el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: withNotes }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
   const file = (read) => `/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name: read })}`;
   takeLines.replaceChildren(
@@ -475,9 +476,12 @@ function away() {
 const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) => [i ? " " : "", el("span", {}, word)])];
 
 async function report() {
+  readyBox.replaceChildren();
   const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report" })}`);
   if (!response.ok) throw new Error((await response.json()).error);
-  const link = el("a", { href: URL.createObjectURL(await response.blob()), download: "report.html" });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+  const href = URL.createObjectURL(await response.blob());
+  // a browser saves only what a person has just asked for; a report may take longer than it remembers that
+  const save = el("a", { href, download: "report.html" }, "It is made: save report.html");
+  if (navigator.userActivation?.isActive ?? true) save.click(); else readyBox.replaceChildren(save);
+  setTimeout(() => { URL.revokeObjectURL(href); if (save.isConnected) readyBox.replaceChildren(); }, 600000);
 }
