@@ -1,4 +1,4 @@
-"""Diagnoses in a session file, and whether they still hold: only for the same records and the same model.
+"""Diagnoses in a session file, and whether they still hold: only for the same records, model and additions.
 
 The result of a diagnosis is stored; it is not computed again. The descriptions of its effects come from the catalogue.
 """
@@ -21,6 +21,7 @@ DRIVEN = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV")
 LEFT_OUT = {
     "records": "these are not the measurements that it was made of",
     "model": "this is not the model that it was made of",
+    "added": "these are not the additions after which it was made",
     "both": "neither the measurements nor the model are those that it was made of",
 }
 
@@ -84,8 +85,10 @@ def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str,
     if kept["diagnosed"] and other:
         why = LEFT_OUT["both" if len(other) > 1 else other[0]]
         return {}, f"The session’s diagnosis is left out: {why}. Diagnose again."
+    astray = kept.get("astray", ())
+    why = f"The session’s diagnosis is left out: {LEFT_OUT['added']}. Diagnose again." if astray else ""
     try:
-        return {str(d["step"]): _whole(d["said"]) for d in kept["diagnosed"]}, ""
+        return {str(d["step"]): _whole(d["said"]) for d in kept["diagnosed"] if d["step"] not in astray}, why
     except ConfigError as e:
         return {}, f"The session’s diagnosis is left out: {e}."
 

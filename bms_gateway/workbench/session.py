@@ -140,9 +140,18 @@ def session_of(
         },
         "added": [{"effects": f.words, "force": f.forced} for f in frames[1:]],
         "digest": dict(digest or {}),
-        "diagnosed": [{"step": i, "said": _said(f.diagnosed)} for i, f in enumerate(frames) if f.diagnosed],
+        "diagnosed": [
+            {"step": i, "after": _after([f.words for f in frames[1:]], i), "said": _said(f.diagnosed)}
+            for i, f in enumerate(frames)
+            if f.diagnosed
+        ],
         "notes": notes,
     }
+
+
+def _after(additions: Sequence[list[str]], step: int) -> list[str]:
+    """Return the additions of the model at a step, one text each: a diagnosis is of this model only."""
+    return [" ".join(words) for words in additions[:step]]
 
 
 def _said(diagnosed: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,20 +188,27 @@ def additions_of(session: Mapping[str, Any]) -> list[Addition]:
 
 
 def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the results of diagnoses in a session, and their digests.
+    """Read the results of diagnoses in a session, their digests, and the steps whose additions are others.
 
     Raises
     ------
     UsageError
     """
+    additions = [words for words, _ in additions_of(session)]
     digest, diagnosed = session.get("digest", {}), session.get("diagnosed", [])
     if not _is(digest, dict) or not all(_is(x, str) for x in digest.values()) or not _is(diagnosed, list):
         raise UsageError("session: digest must name texts, and diagnosed must be a list")
-    diagnosed = [_by_part(_resting(one)) for one in diagnosed]
+    said, astray = [], []
     for one in diagnosed:
-        if not _is(one, {"step": int, "said": SAID}) or not 0 <= one["step"] <= MOST:
+        after = one.get("after") if isinstance(one, dict) else None  # older sessions do not have it
+        rest = {k: x for k, x in one.items() if k != "after"} if isinstance(one, dict) else one
+        read = _by_part(_resting(rest))
+        if not _is(read, {"step": int, "said": SAID}) or not 0 <= read["step"] <= MOST:
             raise UsageError("session: what a diagnosis said is not as the workbench writes it")
-    return {"digest": digest, "diagnosed": diagnosed}
+        said.append(read)
+        if after not in (None, _after(additions, read["step"])):
+            astray.append(read["step"])
+    return {"digest": digest, "diagnosed": said, "astray": astray}
 
 
 def _resting(one: Any) -> Any:

@@ -98,12 +98,25 @@ def test_of_other_measurements_or_another_model_it_is_left_out_and_said(diagnose
 @pytest.mark.slow
 def test_of_a_model_that_is_not_reached_it_is_left_out_and_said(diagnosed, pack):
     session = json.loads(diagnosed[0])
-    session["diagnosed"][0]["step"] = 1
+    session["diagnosed"][0] |= {"step": 1, "after": ["coolant_delay"]}
     session["added"][0]["force"] = False  # refused then
     state, _ = resumed(json.dumps(session), files(pack))
     assert state["refusal"]["names"] == "coolant arrives late (coolant_delay)"
     assert state["diagnosed"] is None
     assert "later model is left out" in state["dropped"]
+
+
+@pytest.mark.slow
+def test_after_other_additions_it_is_left_out_and_said(diagnosed, pack):
+    session = json.loads(diagnosed[0])
+    kept = session["diagnosed"][0]
+    later = {**kept, "step": 1, "after": ["coolant_delay"]}
+    assert diagnoses_of({**session, "diagnosed": [kept, later]})["astray"] == []
+    assert diagnoses_of({**session, "diagnosed": [{k: x for k, x in kept.items() if k != "after"}]})["astray"] == []
+    session["diagnosed"] = [kept, {**later, "after": ["radial_gradient"]}]
+    state, _ = resumed(json.dumps(session), files(pack))
+    assert state["diagnosed_of"] == "refitted"  # not of the model with the addition
+    assert "these are not the additions after which it was made" in state["dropped"]
 
 
 @pytest.mark.slow
