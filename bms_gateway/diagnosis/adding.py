@@ -16,7 +16,7 @@ from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, exc
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnosis.error_words import falls, why_not
+from bms_gateway.diagnosis.error_words import UNKNOWN, falls, why_not
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.record import Record
@@ -38,7 +38,6 @@ FORCED = "Added by force, though"
 """Remark on the cores of a model to which an effect was added against the records."""
 CANNOT_TELL = "These records cannot tell"
 LACKING = "these records lack something that is in no catalogue"
-UNKNOWN = "Something unknown remains beside what was added."
 SEARCH = 0.8
 """Share of the work of an addition that is the search, where it is not known."""
 WAYS = 4

@@ -1,9 +1,11 @@
-"""Words for the change of an error, used wherever a model is compared before and after a step."""
+"""Words used wherever a model is compared before and after a step."""
 
 from collections.abc import Callable
 
 LEAST = 0.02
 """Relative change of an error below which it is called unchanged, because no user could act on it."""
+UNKNOWN = "Something unknown remains beside what was added."
+"""A doubt about a model; its file carries the sentence."""
 
 
 def falls(before: float, after: float) -> bool:

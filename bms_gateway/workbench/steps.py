@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from bms_gateway.diagnosis.error_words import rises
+from bms_gateway.diagnosis.error_words import UNKNOWN, rises
 from bms_gateway.report.step_names import FILED, REFITTED, titled
 
 Document = dict[str, Any]
@@ -93,7 +93,6 @@ UNFITTED: Final = {
 
 
 def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
-    core = f.compared["core"] if f.compared else f.told["core"] if f.told else None
     return {
         "name": name,
         "title": titled(name),
@@ -104,22 +103,33 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
         "tables": {"of": f.label, **{k: f.compared[k] for k in TABLES}} if f.compared else None,
         "stair": variant["stair"] if variant else f.told["after"] if f.told else None,
         "worse": "",
-        "core": core,
+        "core": _core(f),
         "remains": left,
     }
 
 
+def _core(f: Frame) -> Document | None:
+    """Return what is said of the cores of a model; None before it was compared."""
+    return f.compared["core"] if f.compared else f.told["core"] if f.told else None
+
+
 def remains(frames: list[Frame]) -> str:
-    """Say what the newest diagnosis of these models left open; empty if there is none, or it left nothing."""
+    """Say what the newest diagnosis of these models left open, or their addition; empty if nothing is left open.
+
+    A model file carries the second with it, also to those who open it later.
+    """
     last = next((f for f in reversed(frames) if f.diagnosed is not None), None)
-    if last is None or last.diagnosed is None or not last.diagnosed["remains"]:
-        return ""
-    return f"{REMAINS}: the diagnosis of the model “{last.label}” leaves structure that no effect explains."
+    if last is not None and last.diagnosed is not None and last.diagnosed["remains"]:
+        return f"{REMAINS}: the diagnosis of the model “{last.label}” leaves structure that no effect explains."
+    core = _core(frames[-1])
+    if core and UNKNOWN in core["why"]:
+        return f"{REMAINS}: the addition to this model left structure that no effect explains."
+    return ""
 
 
 def doubt_lines(frames: list[Frame]) -> list[str]:
     """Return the doubts about the newest model, for the head of its file."""
-    core = _step("", frames[-1], None, "")["core"]
+    core = _core(frames[-1])
     said = [core["sentence"], *core["why"]] if core and not core["proven"] else []
     left = remains(frames)
     return [*said, left] if left else said

@@ -33,6 +33,15 @@ def test_what_a_diagnosis_leaves_open_stays_until_a_later_one_says_otherwise():
     assert remains([first, second, third]) == ""
 
 
+def test_what_an_addition_left_open_is_said_by_those_who_open_its_file_later():
+    first = frame("refitted", proven=False, variants=("from its file", "refitted"))
+    first.compared["core"]["why"] = ["Something unknown remains beside what was added.", "Because."]
+    assert all("Something unknown remains" in s["remains"] for s in steps_of([first]))
+    first.diagnosed = {"remains": False}  # of this model, which was fitted with what was added
+    second = frame("+ a")
+    assert [bool(s["remains"]) for s in steps_of([first, second])] == [True, True, False]
+
+
 def test_the_file_taken_away_says_what_is_to_be_doubted():
     lines = doubt_lines([frame("refitted", left=True), frame("+ a", proven=False)])
     assert lines[:2] == ["Core not proven: so it is.", "Because."]
