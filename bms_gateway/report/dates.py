@@ -66,6 +66,11 @@ class DateForm:
         return self._halves
 
     @property
+    def zoned(self) -> bool:
+        """Whether the dates have a time zone."""
+        return bool(self._zoned)
+
+    @property
     def began_s(self) -> float | None:
         """Time of the first row: s since 1970 (UTC if no zone is given), or since midnight for times without a date."""
         if self._first is None:

@@ -100,6 +100,7 @@ class Bench:
         self._files: Files | None = None
         self._filed: StringModel | None = None
         self._records: list[Record] = []
+        self._probes: pictures.Probes = ()
         self._made: OrderedDict[str, _Made] = OrderedDict()
 
     def answer(self, request: Mapping[str, Any], tell: Tell, show: Show) -> documents.Document:
@@ -147,8 +148,10 @@ class Bench:
                 return self._report(request, Path(request["folder"]), tell)
         raise UsageError(f"no such task: {request['do']}")
 
-    def _read(self, files: Files, folder: Path, tell: Tell, seen: Callable[[Columns], None] | None = None) -> None:
+    def _read(self, files: Files, folder: Path, tell: Tell) -> list[tuple[Columns, float]]:
+        """Read the files; return the rows of each, and its beginning on their clock, s."""
         self._files = None
+        rows: list[Columns] = []
         model = read_model(Path(files.model))
         whole, own = parse_columns(files.columns), dict(enumerate(files.each))
         read = read_measurements(
@@ -161,21 +164,23 @@ class Bench:
                 uploaded=Path(files.config).parent == folder,
                 tell=lambda name, share: tell(READING * share, f"reading {name}"),
                 most=MOST_NUMBERS,
-                seen=seen,
+                seen=rows.append,
             ),
         )
         # readers of the result do not know the folder of an upload
         self._records = [replace(r, source=_named(r.source, folder)) for r in read]
         self._files, self._filed = files, model
         self._made.clear()
+        begun = [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)]
+        self._probes = pictures.probes_of([measured(r, model) for r in self._records], begun)
+        return begun
 
     def _open(
         self, named: Mapping[str, Any], folder: Path, tell: Tell, kept: Mapping[str, Any] | None
     ) -> documents.Document:
         files, told = _taken(named, folder, tell)
         files, proposed = _made(files, folder, tell)
-        rows: list[Columns] = []
-        self._read(Files.of(files), folder, tell, rows.append)
+        rows = self._read(Files.of(files), folder, tell)
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
@@ -190,7 +195,7 @@ class Bench:
         document["figures"] = pictures.readings(
             [measured(r, self._filed) for r in self._records],
             shelf,
-            [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
+            rows,
             self._filed.flow,
         )
         shelf.save()
@@ -236,7 +241,7 @@ class Bench:
             name: pictures.step(v, shelf) | pictures.maps(v.fit, shelf) | whiteness.step(v.fit) for name, v in steps
         }
         fit = c.refitted.fit
-        figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
+        figures = pictures.frames_of_cores(c, shelf, self._probes) | pictures.frames_of_maps(fit.problem.records)
         figures |= whiteness.figures(fit)
         shelf.save()
         return {**document, "figures": figures, "drawn": drawn}

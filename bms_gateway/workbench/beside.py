@@ -39,12 +39,12 @@ class Beside:
     def shift_s(self, records: Sequence[Mapping[str, Any]], shown: int, other: int) -> float | None:
         """Return the shift of the other record, s; None if its wall clock is not known, or is of another kind.
 
-        Times of the day are compared with times of the day, dates with dates.
+        Times of the day are compared with times of the day, dates with dates, and dates without a time zone with such.
         """
         if self.by == "start":
             return 0.0
         ours, theirs = records[shown]["began"], records[other]["began"]
-        if ours is None or theirs is None or records[shown]["dated"] != records[other]["dated"]:
+        if ours is None or theirs is None or records[shown]["clock"] != records[other]["clock"]:
             return None
         return float(theirs - ours)
 

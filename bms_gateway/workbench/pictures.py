@@ -51,7 +51,6 @@ COLORBAR = {
     "thickness": 8,
     "lenmode": "pixels",
     "len": 160,
-    "nticks": 4,
     "tickangle": 0,
     "title": {"text": ""},  # else plotly moves the titles of the axes for a title that is not there
     "x": 1.0,
@@ -68,6 +67,8 @@ OF_THE_DRIVE: tuple[Quantity, ...] = ("current", "coolant_inlet")
 """First curves of the picture of the drive."""
 
 Figures = dict[str, Figure]
+Probes = Sequence[Mapping[int, tuple[Floats, Floats]]]
+"""Time, s since a record began, and reading, °C, of the thermocouples in cores: by record, by cell from 1."""
 Drawn = dict[str, dict[str, Any]]
 """Curves of one step, by the name of the figure."""
 
@@ -121,14 +122,28 @@ def _every(
     file: tuple[Columns, float], quantity: Quantity, cell: int | None, m: Measured, used: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Return time, s since the record began, and value of every plausible row; the fit's values if no row has one."""
-    columns, began = file
-    y = columns.of(quantity, cell)
+    y = file[0].of(quantity, cell)
     if y is None:
         return used
+    found = _plausible(file, quantity, y, m)
+    return found if len(found[0]) else used
+
+
+def _plausible(file: tuple[Columns, float], quantity: Quantity, y: Floats, m: Measured) -> tuple[Floats, Floats]:
+    """Return time, s since the record began, and value of the plausible rows of a column within a record."""
+    columns, began = file
     low, high = INPUTS[quantity].plausible
     t, (first, last) = columns.time_s - began, extent(m)
     mine = (t >= first) & (t <= last) & (y >= low) & (y <= high)
-    return (t[mine], y[mine]) if mine.any() else used
+    return t[mine], y[mine]
+
+
+def probes_of(records: Sequence[Measured], rows: Sequence[tuple[Columns, float]]) -> Probes:
+    """Return every plausible row of the thermocouples in cores: by record, by cell from 1."""
+    return [
+        {cell: _plausible(file, "surface", y, m) for cell, y in file[0].core_C.items()}
+        for m, file in zip(records, rows, strict=True)
+    ]
 
 
 def _open(m: Measured, time: Clock, samples: tuple[Floats, Floats], *, held: bool = False) -> tuple[Floats, Floats]:
@@ -137,8 +152,8 @@ def _open(m: Measured, time: Clock, samples: tuple[Floats, Floats], *, held: boo
     return t / time.seconds, y
 
 
-def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
-    """Draw the figure of each core without a model: axes, and its thermocouple if there is one."""
+def frames_of_cores(c: Comparison, shelf: Shelf, probes: Probes) -> Figures:
+    """Draw the figure of each core without a model: axes, and every row of its thermocouple if there is one."""
     found: Figures = {}
     records = c.refitted.fit.problem.records
     for r, m in enumerate(records):
@@ -148,9 +163,9 @@ def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
             probe = _thermocouple(c.refitted.core_checks, r, k)
             spec = cores((), r, k, m, time, probe)
             if probe is not None:
-                t, y = probe
-                spec["data"] = [_shelved(spec["data"][0], shelf, t / time.seconds, y)]
-                spec["span"] = {"yaxis": _span(y)}
+                samples = probes[r].get(k, probe)
+                spec["data"] = [_shelved(spec["data"][0], shelf, *_open(m, time, samples))]
+                spec["span"] = {"yaxis": _span(samples[1])}
             found[f"core-{r}-{k}"] = {**spec, "seconds": time.seconds}
     return found
 

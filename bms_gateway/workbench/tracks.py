@@ -29,6 +29,8 @@ STAYS: Final = 0.5
 EPOCH_S: Final = 1e8
 """Times from here on are wall clock, in s since 1970; smaller ones are the record's own, or times of day."""
 
+UTC, LOCAL, DAY = "utc", "local", "day"
+
 
 def about(path: Path, columns: Sequence[str], record: Record) -> dict[str, Any]:
     """Return which columns can be drawn, and when a record began.
@@ -37,15 +39,17 @@ def about(path: Path, columns: Sequence[str], record: Record) -> dict[str, Any]:
     -------
     dict
         `others`: name and unit of each column of numbers except the time; none for a log. `began`: s since 1970, or
-        since midnight if the table has only times of the day; None if unknown. `dated`: which of the two.
+        since midnight if the table has only times of the day; None if unknown. `clock`: "utc", "local" for dates
+        without a time zone, "day" for times of the day, or "" if unknown. Only times of one clock can be compared.
     """
-    others, began = _about(path, columns, float(record.instants[0]))
-    return {"others": others, "began": began, "dated": began is not None and began > EPOCH_S}
+    others, began, clock = _about(path, columns, float(record.instants[0]))
+    return {"others": others, "began": began, "clock": clock}
 
 
-def _about(path: Path, columns: Sequence[str], first: float) -> tuple[list[dict[str, str]], float | None]:
+def _about(path: Path, columns: Sequence[str], first: float) -> tuple[list[dict[str, str]], float | None, str]:
+    since_1970 = (first, UTC) if first > EPOCH_S else (None, "")
     if log_kind(path) is not None:
-        return [], first if first > EPOCH_S else None
+        return [], *since_1970
     told = parse_columns(columns)
     others = [
         {"name": c["name"], "unit": _unit(c["ours"]) if c["by"] in ("name", "told") else c["stated"]}
@@ -53,13 +57,17 @@ def _about(path: Path, columns: Sequence[str], first: float) -> tuple[list[dict[
         if "low" in c and not (c["ours"] == "time_s" and c["by"] in ("name", "told"))
     ]
     if first > EPOCH_S:
-        return others, first
+        return others, *since_1970
     with open_table(path) as rows:
         time = _columns(path, rows, columns)["time_s"]
         dates = dates_of(path, rows, time)
         next(rows.pieces([time.column], dates))
-        starts = [s for s in (*(form.began_s for form in dates.values()), rows.began_s) if s is not None]
-    return others, starts[0] + first if starts else None
+        starts = [(s, UTC if form.zoned else LOCAL) for form in dates.values() if (s := form.began_s) is not None]
+        starts += [(rows.began_s, LOCAL)] if rows.began_s is not None else []
+    if not starts:
+        return others, None, ""
+    began, clock = starts[0][0] + first, starts[0][1]
+    return others, began, clock if began > EPOCH_S else DAY
 
 
 def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Measured, shelf: Shelf) -> Figure:

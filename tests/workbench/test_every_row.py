@@ -9,10 +9,13 @@ from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.records.read import Reading, read_measurements
 from bms_gateway.workbench import pictures
+from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.series import Shelf, drawn
+from tests.support.desk_steps import done
 from tests.truth.hidden import Scenario, make_log
 
 SPIKE, AT = 5.0, 4321
+NO_LOG = {"config": "", "string": "", "columns": []}
 
 
 def written(path, log, every_s):
@@ -105,3 +108,32 @@ def test_current_and_inlet_are_the_rows_of_the_file_and_a_gap_is_open(tmp_path, 
             assert len(opened), "the gap is bridged by a line"
             if name == "current_A":
                 assert opened[0] < t[before] + 60.0, "a current is held for an hour that nobody measured"
+
+
+@pytest.mark.slow
+def test_a_thermocouple_in_a_core_is_the_rows_of_the_file_also_after_a_restart_of_the_process(tmp_path):
+    log = make_log(Scenario(cells=2, sensors=(1, 2), noise=0.05, seconds=1500, seed=7, columns=()))
+    t = np.arange(0.0, log.table["time_s"][-1], 0.25)
+    names = [k for k in log.table if k.startswith(("surface_", "current_A", "coolant_inlet"))]
+    core = np.interp(t, log.table["time_s"], log.table["surface_1_C"]) + np.sin(t)  # faster than any step of a fit
+    with (tmp_path / "core.csv").open("w", newline="") as file:
+        write = csv.writer(file)
+        write.writerow(["time_s", *names, "core_1_C"])
+        columns = [np.interp(t, log.table["time_s"], log.table[k]) for k in names]
+        write.writerows(zip(t, *(c.round(4) for c in columns), core.round(4), strict=True))
+    (tmp_path / "model.toml").write_text(log.model)
+    desk = Desk("rows")
+    try:
+        desk.open({**NO_LOG, "tables": [str(tmp_path / "core.csv")], "model": str(tmp_path / "model.toml")})
+        assert done(desk)["error"] == ""
+        for effect in ("coolant_delay", "radial_gradient"):
+            shown = desk.figure("core-0-1", (10.0, 11.2))["data"][0]  # minutes
+            at = 60.0 * np.array(shown["x"])
+            inside, want = (at > 600.1) & (at < 671.9), (t > 600.1) & (t < 671.9)
+            assert np.allclose(at[inside], t[want], atol=0.01)
+            assert np.allclose(np.array(shown["y"])[inside], core[want], atol=1e-3)
+            desk.rest()
+            desk.add([effect], force=True)  # a new process reads the files, and draws the cores anew
+            assert done(desk)["error"] == ""
+    finally:
+        desk.close()

@@ -137,9 +137,12 @@ def test_what_does_not_go_together_is_refused_or_left_out(desk):
         with pytest.raises(UsageError, match="figure: "):
             Beside.of(records, by)
     assert Beside.of("", "start") is None
-    records = [{"began": None, "dated": False}, {"began": 40.0, "dated": False}, {"began": 1.8e9, "dated": True}]
+    told = [(None, ""), (40.0, "day"), (1.8e9, "utc"), (1.8e9, "local"), (1.8e9 + 60.0, "local")]
+    records = [{"began": began, "clock": clock} for began, clock in told]
     assert Beside((1,), "clock").shift_s(records, 0, 1) is None
     assert Beside((1,), "clock").shift_s(records, 1, 2) is None  # a time of the day and a date
+    assert Beside((1,), "clock").shift_s(records, 2, 3) is None  # of a time zone that nobody knows
+    assert Beside((1,), "clock").shift_s(records, 3, 4) == 60.0
     assert "beside" not in desk.figure("surface-0-3", None, Beside((7,)))
 
 

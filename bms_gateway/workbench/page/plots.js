@@ -1,5 +1,5 @@
 // The stage: string drawing, plots of the chosen cell with linked time axes, curves of an effect laid over them.
-import { $, el, get, ui, keep, K, complain, until, afterwards } from "./util.js";
+import { $, el, get, ui, keep, K, amount, complain, until, afterwards } from "./util.js";
 import { sketch } from "./sketch.js";
 import * as measure from "./measure.js";
 import * as tracks from "./tracks.js";
@@ -57,7 +57,11 @@ const seen = () => {
 
 // Colour and line of each step by its place on the road: they stay the same whichever steps are shown.
 const STYLES = [["#d55e00", "dash"], ["#0072b2", "solid"], ["#009e73", "solid"], ["#cc79a7", "dashdot"], ["#e69f00", "solid"], ["#56b4e9", "dash"]];
-const styleOf = (i) => STYLES[i % STYLES.length];
+const DASHES = ["solid", "dash", "dashdot", "dot"]; // with the colours, enough for the most steps that a session has
+const styleOf = (i) => {
+  const [color, dash] = STYLES[i % STYLES.length];
+  return [color, DASHES[(DASHES.indexOf(dash) + Math.floor(i / STYLES.length)) % DASHES.length]];
+};
 export const colorOf = (i) => themed(styleOf(i)[0]);
 const faint = (color, share) => `rgba(${rgb(color).join()},${share})`;
 
@@ -185,7 +189,8 @@ async function draw(place) {
   if (place === "map") {
     const own = figure.steps?.find((s) => s.name === ticked(state.steps).at(-1).name)?.span?.coloraxis;
     const [low, high] = (!ui.sameColors && own) || layout.coloraxis.range;
-    layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
+    const ends = [low, 0, high], bar = { ...layout.coloraxis.colorbar, tickvals: ends, ticktext: ends.map((x) => (x ? `${x > 0 ? "+" : ""}${amount(x, 2)}` : "0")) };
+    layout.coloraxis = { ...layout.coloraxis, colorbar: bar, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
     $("map-title").textContent = `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`;
   }
   if (place === "core") unknown(layout, 0.9 * (node.clientWidth - layout.margin.l - layout.margin.r));
@@ -406,7 +411,7 @@ function tick(s, i) {
     keep({ off: box.checked ? rest : [...rest, s.name] });
     anew(); dispatchEvent(new Event("variant"));
   } });
-  const line = el("i", { class: `line ${s.core?.proven === false ? "unproven" : ""}`, style: `--c:${themed(color)};border-top-style:${dash === "solid" ? "solid" : "dashed"}` });
+  const line = el("i", { class: `line ${s.core?.proven === false ? "unproven" : ""}`, style: `--c:${themed(color)};border-top-style:${{ solid: "solid", dot: "dotted" }[dash] ?? "dashed"}` });
   return el("label", { class: "tick", for: `step-${i}` }, box, line, s.name);
 }
 

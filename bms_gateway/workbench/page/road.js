@@ -416,7 +416,7 @@ function adding() {
     if (s.told) {
       item.append(el("br"), s.told.headline);
       if (!s.told.core.proven) item.append(el("br"), el("b", { class: "alarm" }, `${s.told.tag}. ${s.told.core.sentence}`), ...s.told.core.why.flatMap((t) => [el("br"), t]));
-      if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
+      if (s.forced && s.told.core.proven) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
       if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
       if (s.told.closest) item.append(el("br"), el("span", { class: "muted" }, s.told.closest));
       for (const m of s.told.core_measured) item.append(el("br"), el("span", { class: m.alarm ? "danger" : "" }, `${m.sentence} Before: ${K(m.before_K)} off.`));

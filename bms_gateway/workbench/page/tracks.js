@@ -80,10 +80,11 @@ function laid() {
   if (box.hidden || box.dataset.told === told) return;
   box.dataset.told = told;
   const dark = document.documentElement.dataset.theme === "dark", focused = document.activeElement?.id;
-  const dated = rest.every(([r]) => r.began !== null && records[ui.record].began !== null && r.dated === records[ui.record].dated);
+  const ours = records[ui.record].clock, dated = rest.every(([r]) => ours && r.clock === ours);
+  const why = !dated ? records.every((r) => r.clock) ? " (their clocks differ: a date, a time of day, with and without a time zone)" : " (not all have one)" : ours === "local" ? " (no time zone: taken as the same)" : "";
   if (!dated && ui.by === "clock") keep({ by: "start" });
   const by = el("select", { id: "beside-by", onchange: (e) => { keep({ by: e.target.value }); again(); } },
-    el("option", { value: "start", selected: ui.by === "start" }, "by their start"), el("option", { value: "clock", selected: ui.by === "clock", disabled: !dated }, dated ? "by wall clock" : "by wall clock (not all have one)"));
+    el("option", { value: "start", selected: ui.by === "start" }, "by their start"), el("option", { value: "clock", selected: ui.by === "clock", disabled: !dated }, `by wall clock${why}`));
   box.replaceChildren(el("legend", {}, "Laid over it"), ...rest.map(([r, i]) => {
     const tick = el("input", { type: "checkbox", id: `beside-${i}`, checked: ui.beside.includes(i), onchange: () => {
       keep({ beside: tick.checked ? [...ui.beside, i] : ui.beside.filter((x) => x !== i) });
