@@ -6,11 +6,12 @@ of the limit takes over.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 from bms_gateway.health.alerts import Condition, Fact, Severity
 
+EVERY_S = 10.0
 HOLD = 2
 """Number of forecasts in a row that must agree: a load of a few seconds does not heat a cell to its limit."""
 BACK_K, BACK_HOLD = 1.0, 12
@@ -61,6 +62,8 @@ class Nearing:
     def __init__(self, string: str, limit_C: float) -> None:
         self._string, self._limit = string, limit_C
         self._for = self._against = 0
+        self._since = 0  # forecasts after the last one that reaches the limit
+        self._last: Approach | None = None
         self.condition: Condition | None = None
 
     def forget(self) -> None:
@@ -84,12 +87,24 @@ class Nearing:
         if approach is None:
             self._for = 0
             self._against = self._against + 1 if not hottest_C > self._limit - BACK_K else 0
+            self._since += 1
             if self._against >= BACK_HOLD:
                 self.condition = None
+            if self.condition is not None and self._last is not None:
+                self.condition = replace(self.condition, text=self._past(self._last, hottest_C))
             return
-        self._for, self._against = self._for + 1, 0
+        self._for, self._against, self._since, self._last = self._for + 1, 0, 0, approach
         if self._for >= HOLD or self.condition is not None:
             self.condition = self._told(approach)
+
+    def _past(self, a: Approach, hottest_C: float) -> str:
+        """Say that the present load does not lead to the limit, but the load of a moment ago did."""
+        most = f" (at most {hottest_C:.1f} °C within 10 min)" if isfinite(hottest_C) else ""
+        return (
+            f"hottest point of cell {a.cell} was to reach {self._limit:g} °C at the load of "
+            f"{duration(EVERY_S * self._since)} ago ({_load(a.load_A)}); the present load does not lead to it{most}; "
+            f"if the load comes back: {a.permitted_A:.0f} A can be held for 10 min"
+        )
 
     def _told(self, a: Approach) -> Condition:
         early = duration(a.soonest_s) if duration(a.soonest_s) != duration(a.in_s) else ""
@@ -98,7 +113,7 @@ class Nearing:
         doubt = "; its core is not proven" if a.doubtful else ""
         text = (
             f"hottest point of cell {a.cell} reaches {self._limit:g} °C in {duration(a.in_s)}{band} at this load "
-            f"({abs(a.load_A):.0f} A{' charging' if a.load_A < 0.0 else ''}; now {a.now_C:.1f} °C){doubt}: lower the "
+            f"({_load(a.load_A)}; now {a.now_C:.1f} °C){doubt}: lower the "
             f"current or cool the string; {a.permitted_A:.0f} A can be held for 10 min"
         )
         phase = next((f"{p:g}" for p in PHASES_S if a.in_s <= p), "")
@@ -114,6 +129,10 @@ class Nearing:
             phase=phase,
             facts=facts,
         )
+
+
+def _load(load_A: float) -> str:
+    return f"{abs(load_A):.0f} A{' charging' if load_A < 0.0 else ''}"
 
 
 def duration(seconds: float) -> str:

@@ -73,3 +73,22 @@ def test_it_is_another_phase_the_nearer_it_comes_and_says_what_is_doubtful_and_c
     assert (
         "in 40 s (20 s or later) at this load (40 A charging; now 55.0 °C); its core is not proven" in n.condition.text
     )
+
+
+def test_what_was_forecast_at_another_load_is_told_as_past() -> None:
+    n = Nearing("s", 60.0)
+    n.take(SOON, 66.0)
+    n.take(SOON, 66.0)
+    for _ in range(4):
+        n.take(None, 58.24)
+    assert n.condition is not None
+    assert n.condition.text == (
+        "hottest point of cell 3 was to reach 60 °C at the load of 40 s ago (78 A); the present load does not lead to "
+        "it (at most 58.2 °C within 10 min); if the load comes back: 52 A can be held for 10 min"
+    )
+    n.take(None, nan)
+    assert n.condition is not None
+    assert "58.2" not in n.condition.text
+    n.take(SOON, 66.0)
+    assert n.condition is not None
+    assert "at this load (78 A" in n.condition.text

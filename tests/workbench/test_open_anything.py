@@ -209,6 +209,8 @@ def test_a_dropped_log_and_its_dbc_go_the_way_of_init(window, url):
     page.run(DROP, "vehicle.dbc", (WORKED / "vehicle.dbc").read_text())
     page.wait("return document.querySelector('#dbc').value === 'vehicle.dbc'")
     page.idle()
+    page.wait("return document.querySelector('#mapping').innerText.includes('found with vehicle.dbc')")
+    assert "needs a gateway config" not in page.text("#mapping")
     page.click("#open")
     compared(page)
     assert "readings of cells 1, 2, 3, 4" in page.text("#opened")

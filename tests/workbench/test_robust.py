@@ -88,11 +88,17 @@ def test_a_page_that_is_loaded_again_in_mid_search_finds_the_search_and_then_its
 
 
 @pytest.mark.slow
-def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
+@pytest.mark.parametrize("of", ["comparison", "diagnosis"])
+def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path, of):
     with served(pack.folder, *pack.words) as url:
         page = window(url)
         seen_compared(page)
         page.idle(FIT_S)
+        if of == "diagnosis":
+            page.click("#tab-diagnose")
+            page.click("#diagnose")
+            page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+            page.idle(FIT_S)
         page.click("#tab-take")
         text = page.run(
             "const desk = JSON.parse(sessionStorage.workbench).desk;"

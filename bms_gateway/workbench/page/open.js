@@ -37,7 +37,7 @@ function pairs(g) {
 // asked for nothing yet knows less than the server, which may still be at work on what the page before it has sent.
 export function show(found, isOpen) {
   if (isOpen !== opened) { opened = isOpen; if (groups.length) draw(); }
-  const now = JSON.stringify(found);
+  const now = JSON.stringify([found, $("config").value, $("dbc").value]); // what a log still needs is said too
   if (!found || now === told) return;
   told = now;
   const before = groups;
@@ -72,7 +72,11 @@ function draw() {
 
 function columnsOf(g) {
   const { look } = g, names = g.sources.join(", "), k = groups.indexOf(g);
-  if (look.log) return [el("p", {}, `${names} is a CAN log (${look.log}). It needs a gateway config; or drop its DBC file here, and the signals are found as init finds them.`)];
+  if (look.log) {
+    const by = $("config").value.trim(), dbc = $("dbc").value.trim().split("\n").map(last).join(", ");
+    return [el("p", {}, `${names} is a CAN log (${look.log}). ${by ? `Its signals are those that ${last(by)} names.` : dbc ? `Its signals are found with ${dbc}, as init finds them, when it is opened.`
+      : "It needs a gateway config; or drop its DBC file here, and the signals are found as init finds them."}`)];
+  }
   const guessed = g.rows.filter((r) => r.by === "guess").length, lack = lacking(g), double = twice(g);
   return [el("h3", {}, `Columns of ${names}`),
     el("p", { class: lack.length || double.length ? "alarm" : "muted", id: k ? `mapping-told-${k}` : "mapping-told", role: "status" },
