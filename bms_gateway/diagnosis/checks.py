@@ -134,7 +134,7 @@ def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
         yield Finding(
             "little_heat",
             "stop",
-            f"No surface temperature moves by more than {best:.1f} times the error of a reading: nothing can be "
+            f"No surface temperature moves by more than {best:.2g} times the error of a reading: nothing can be "
             "learnt of the cells. Drive more current, or for longer.",
         )
 
