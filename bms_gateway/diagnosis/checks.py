@@ -38,6 +38,8 @@ FEWEST_READINGS, FEWEST_HELD = 12, 3
 (`residuals.LAGS`); and for the held-out parts, which test a fit."""
 RISE = 4.0
 """Least change of temperatures in multiples of the error of one reading."""
+STILL = 0.05
+"""The same below which a temperature is said to stand still."""
 SOAK_S = 60.0
 """Least rest at the start after which constant temperatures can be compared."""
 STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
@@ -131,11 +133,11 @@ def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
         calm = np.convolve(y, np.full(width, 1.0 / width), "valid")
         best = max(best, float(np.ptp(calm)) / float(r.noise.total[j]))
     if best < RISE:
+        far = f" by more than {best:.1f} times the error of a reading" if best >= STILL else ""
         yield Finding(
             "little_heat",
             "stop",
-            f"No surface temperature moves by more than {best:.2g} times the error of a reading: nothing can be "
-            "learnt of the cells. Drive more current, or for longer.",
+            f"No surface temperature moves{far}: nothing can be learnt of the cells. Drive more current, or for longer.",
         )
 
 

@@ -16,7 +16,7 @@ RECORDS = {
     "at rest": ((0.0 * T, FLAT, WAVE, WAVE, WAVE), "No current flows: there is no heat to explain."),
     "constants": (
         (0.0 * T + 10.0, FLAT, FLAT, FLAT, FLAT),
-        "No surface temperature moves by more than 0.0 times the error of a reading: nothing can be learnt",
+        "No surface temperature moves: nothing can be learnt",
     ),
 }
 NONE_FITTED = "Outside the parts of the record that are held out, no sensor has more than {} readings, 12 are the least"
