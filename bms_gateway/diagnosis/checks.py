@@ -137,7 +137,8 @@ def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
         yield Finding(
             "little_heat",
             "stop",
-            f"No surface temperature moves{far}: nothing can be learnt of the cells. Drive more current, or for longer.",
+            f"No surface temperature moves{far}: nothing can be learnt of the cells. "
+            "Drive more current, or for longer.",
         )
 
 
