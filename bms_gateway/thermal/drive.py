@@ -102,7 +102,14 @@ def cut(u: Drive, first: int, last: int) -> Drive:
 
 def average(u: Drive) -> Drive:
     """Return one interval with the means of all intervals; missing values, of a voltage for example, are left out."""
-    return _map(u, lambda x: np.atleast_1d(np.nanmean(x)) if np.isfinite(x).any() else x[:1])
+    return _map(u, _mean)
+
+
+def _mean(x: Floats) -> Floats:
+    mean: Floats = np.mean(x, keepdims=True)
+    if np.isnan(mean[0]) and np.isfinite(x).any():  # nanmean takes ten times as long
+        return np.atleast_1d(np.nanmean(x))
+    return mean
 
 
 def at_instants(u: Drive) -> Drive:
