@@ -1,6 +1,8 @@
 """Reads logged traffic as batches: candump with our own parser, every other format with python-can's readers."""
 
 import gzip
+import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from difflib import get_close_matches
@@ -14,7 +16,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.gunzip import Gunzip
 from bms_gateway.whole import whole
 
-__all__ = ["FORMATS", "LogNotes", "read_log", "write_log"]
+__all__ = ["FORMATS", "LogNotes", "interfaces_of", "read_log", "write_log"]
 
 CANDUMP: Final = (".log",)
 FORMATS: Final = (*CANDUMP, ".asc", ".blf", ".csv", ".mf4", ".trc")
@@ -24,6 +26,29 @@ LONGEST_LINE: Final = 1 << 16  # without a newline in so many bytes it is no tex
 GIVE_UP: Final = (
     1_000_000  # damaged lines in a row: they cost some seconds, and are more than a damaged part of a disk contains
 )
+
+_INTERFACE: Final = re.compile(rb"^\([0-9.]+\)\s+([A-Za-z][A-Za-z0-9_.-]{0,14})\s+[0-9A-Fa-f]{1,8}#", re.MULTILINE)
+
+
+def interfaces_of(path: Path | str, size: int = CHUNK) -> Counter[str]:
+    """Count the frames of each interface in the first bytes of a candump log; other formats name none.
+
+    Raises
+    ------
+    UsageError
+        As for `read_log`.
+    OSError
+    """
+    path = Path(path)
+    if _kind_of_file(path) not in CANDUMP:
+        return Counter()
+    with path.open("rb") as file:
+        source = Gunzip(file, str(path)) if path.suffix.lower() == ".gz" else file
+        try:
+            text = source.read(size)
+        except EOFError:  # nothing whole before the cut
+            text = b""
+    return Counter(name.decode() for name in _INTERFACE.findall(text))
 
 
 def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = None) -> Iterator[FrameBatch]:

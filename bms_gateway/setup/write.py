@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Final, get_args
 
 import numpy as np
 
+from bms_gateway.bus.logfile import interfaces_of
 from bms_gateway.config.model_file import write_model
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Statistic
@@ -64,6 +66,7 @@ NOT_TWICE: Final = 1.0 - 1e-5
 """Factor that avoids a scale which equals that of the DBC's unit by chance: a config with such a scale is refused,
 because it seems to convert twice."""
 MOST_SHOWN: Final = 6
+USUAL_INTERFACE: Final = "can0"
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -327,7 +330,7 @@ def _config(proposal: Proposal, dbc: list[str], logs: list[Path]) -> str:
         "",
         "[bus]",
         'interface = "socketcan"',
-        'channel = "can0"',
+        _channel(logs),
     ]
     if dbc:
         lines.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
@@ -348,6 +351,16 @@ def _config(proposal: Proposal, dbc: list[str], logs: list[Path]) -> str:
     if proposal.remarks:
         lines += ["", "# About the files:", *(f"# {' '.join(r.split())}" for r in proposal.remarks)]
     return "\n".join(lines) + "\n"
+
+
+def _channel(logs: list[Path]) -> str:
+    """Name the interface of the logs; of several that which has most frames."""
+    count = sum((interfaces_of(log) for log in logs), Counter[str]())
+    names = [name for name, _ in count.most_common()] or [USUAL_INTERFACE]
+    line = f"channel = {json.dumps(names[0])}"
+    if len(names) > 1:
+        line += f"                 # (?) the log has {', '.join(names[1:])} too; the gateway listens on one"
+    return line
 
 
 def _string(proposal: Proposal, string: int, cells: int) -> list[str]:

@@ -215,3 +215,17 @@ def test_a_table_in_the_words_of_its_maker_is_called_a_table(codec, mark, tmp_pa
     (tmp_path / "t.csv").write_text("\n".join(map(mark.join, rows)), encoding=codec)
     with pytest.raises(DataError, match="this is a table of measurements, no log: encode makes frames of it"):
         list(read_log(tmp_path / "t.csv"))
+
+
+def test_the_interfaces_of_a_log_are_counted(tmp_path):
+    lines = (
+        LINE * 3 + b"garbage can7 1\n" + LINE.replace(b"can0", b"vcan1-x") * 5 + LINE.replace(b"123#11", b"123##011")
+    )
+    (tmp_path / "a.log").write_bytes(lines)
+    assert dict(logfile.interfaces_of(tmp_path / "a.log")) == {"can0": 4, "vcan1-x": 5}
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress(lines))
+    assert dict(logfile.interfaces_of(tmp_path / "a.log.gz")) == {"can0": 4, "vcan1-x": 5}
+    (tmp_path / "cut.log.gz").write_bytes(gzip.compress(lines)[:12])
+    assert not logfile.interfaces_of(tmp_path / "cut.log.gz")
+    (tmp_path / "a.asc").write_text("date\n")
+    assert not logfile.interfaces_of(tmp_path / "a.asc")

@@ -2,6 +2,8 @@
 
 import csv
 import math
+import re
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
@@ -173,3 +175,15 @@ def test_cells_in_air_may_be_cooled_unequally_and_still_air_is_told(words, told,
     model = read_model(tmp_path / "v" / "string_1.toml")
     assert model.tolerances["cell_R_u"] == R_u
     assert model.tolerances["cell_R_e"] == 0.02
+
+
+@pytest.mark.parametrize("others", [0, 3])
+def test_the_gateway_listens_on_the_interface_of_the_log(others, tmp_path) -> None:
+    warm = drive(8)
+    log, dbc = write(plain({"CellTemp1": warm.surface[:, 0], "AmbientAirTemp": warm.inlet}, unit="degC"), tmp_path)
+    lines = re.sub(r"^(\([0-9.]+\)) \S+", r"\1 can2", log.read_text(), flags=re.MULTILINE).splitlines()
+    log.write_text("\n".join([*lines[:others], *lines[:others], *lines]).replace("can2", "vcan7", others) + "\n")
+    assert main(["init", str(log), "--dbc", str(dbc), "--cell", "21700", "--out", str(tmp_path / "v"), "--yes"]) == 0
+    config = (tmp_path / "v" / "gateway.toml").read_text()
+    assert tomllib.loads(config)["bus"]["channel"] == "can2"
+    assert ("the log has vcan7 too" in config) is bool(others)
