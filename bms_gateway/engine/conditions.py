@@ -15,6 +15,7 @@ from bms_gateway.engine.plan import Channel
 from bms_gateway.engine.reasons import REASONS, WRONG_SIGN
 from bms_gateway.engine.string_estimator import StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.vocabulary import OPTIONAL
 from bms_gateway.health.alerts import Condition, Severity
 
 NAMED: Final = 6  # cells that a sentence names; further cells are counted
@@ -72,7 +73,8 @@ def _sensors(faults: Sequence[tuple[str, Channel, Quality]]) -> Iterator[Conditi
         at = [c.cell for channels in of_quality.values() for c in channels]
         severity = Severity.ALARM if quantity == "current" else Severity.WARNING
         one = at[0] if len(at) == 1 else None
-        yield Condition("sensor", severity, "; ".join(clauses), string, one, part=quantity)
+        minor = quantity in OPTIONAL
+        yield Condition("sensor", severity, "; ".join(clauses), string, one, part=quantity, minor=minor)
 
 
 def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:

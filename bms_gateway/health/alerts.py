@@ -87,6 +87,8 @@ class Condition:
         changed. Two reports of one alert are at least `AGAIN_S` apart.
     facts : mapping
         Numbers for machines, as ``heat_W``.
+    minor : bool
+        Of a signal without which all estimates go on: told after the others of its severity.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Condition:
     wanders: bool = False
     phase: str = ""
     facts: Mapping[str, Fact] = field(default_factory=dict, compare=False)
+    minor: bool = False
 
     @property
     def key(self) -> Key:
@@ -218,10 +221,10 @@ class Alerts:
 
     @property
     def raised(self) -> list[Condition]:
-        """The present alerts: the more severe first, then those of this object before those of `also`, then by age."""
+        """The present alerts: the more severe first, minor ones last; then those of `also` last; then by age."""
         found = [s for s in self._seen.values() if s.raised]
         own = [s.condition for s in sorted(found, key=lambda s: (-s.raised, s.first_s))]
-        return sorted([*own, *self._also()], key=lambda c: -c.severity)
+        return sorted([*own, *self._also()], key=lambda c: (-c.severity, c.minor))
 
     @property
     def severity(self) -> Severity:

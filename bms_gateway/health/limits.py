@@ -47,6 +47,8 @@ MOST: Final = {
     "over": 1.0, "last": 1e4, "last_s": 1e10, "_slow": 1e4, "_high": 1e4, "_high_s": 1e10, "fallen": 1.0, "_low": 1e4,
 }  # fmt: skip
 """Greatest magnitude that each value of a stored state may have, °C and s since 1970."""
+UNKNOWN_SD_K: Final = 2.0 * AVAILABLE_SD_K
+"""Sd of an estimate above which no value is told unless it is over the limit with this sd subtracted."""
 BAND_SD: Final = 1.96  # half width of the band that is told: 95 %, as on the page and in the reports
 
 
@@ -351,9 +353,11 @@ class Limits:
             p = self._points
             value, sd, core = (float(x[at]) for x in p[:3])
             now = f" is {value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
-            if sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
+            if sd > UNKNOWN_SD_K and value - sd < limit.limit:  # a number would say nothing
+                now = f": not known now, {self._last(limit, at)}"
+            elif sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
                 now = f" is about {value:.0f} °C and not known to {AVAILABLE_SD_K:g} K (core about {core:.0f} °C)"
-            if p.value[at] < limit.limit:
+            if value < limit.limit and sd <= UNKNOWN_SD_K:
                 now += ", was above the limit and is not known to be below it again"
         else:
             now = f" was {limit.last[at]:.1f} °C"

@@ -35,6 +35,8 @@ GROUPS: Final = 40
 MARKS: Final = 100
 """Number of alerts marked in a history."""
 OF_LEVEL: Final = {Level.WARNING: Severity.WARNING, Level.NOTICE: Severity.OK, Level.INFO: Severity.OK}
+Group = tuple[str, str, str, bool]
+"""Kind, part, string, and whether they are alerts."""
 WORDS: Final = {Severity.OK: "note", Severity.WARNING: "warning", Severity.ALARM: "alarm"}
 
 
@@ -59,6 +61,11 @@ class Happened:
     state: str
     part: str = ""
 
+    @property
+    def group(self) -> Group:
+        """Events of one group are one line: those of one kind, part and string, of alerts or of notices."""
+        return self.code, self.part, self.string, bool(self.state)
+
 
 @dataclass(frozen=True, slots=True)
 class Seen:
@@ -74,7 +81,7 @@ class Events:
     """Events in the order of arrival, and which were acknowledged."""
 
     all: list[Happened] = field(default_factory=list)
-    seen: dict[tuple[str, str, bool], Seen] = field(default_factory=dict)
+    seen: dict[Group, Seen] = field(default_factory=dict)
 
     def take(self, event: Notice | Alerted) -> None:
         """Store an event."""
@@ -89,7 +96,7 @@ class Events:
             found = Happened(event.time_ns, c.severity, c.name, c.string or "", c.cell, c.text, state, c.part)
         self.all = [*self.all[-MOST + 1 :], found]
 
-    def acknowledge(self, code: str, string: str, alert: bool, reason: str, until_ns: int) -> None:
+    def acknowledge(self, group: Group, reason: str, until_ns: int) -> None:
         """Mark the events of a group until a moment as seen.
 
         Raises
@@ -97,10 +104,11 @@ class Events:
         UsageError
             There is no such event.
         """
-        key = code, string, alert
-        if not any((e.code, e.string, bool(e.state)) == key and e.time_ns <= until_ns for e in self.all):
-            raise UsageError(f"acknowledge: nothing of the kind '{code}' has happened to '{string or 'the pack'}'")
-        self.seen[key] = Seen(until_ns, time.time(), reason)
+        if not any(e.group == group and e.time_ns <= until_ns for e in self.all):
+            code, part, string, _ = group
+            of = f" ({part})" if part else ""
+            raise UsageError(f"acknowledge: nothing of the kind '{code}'{of} has happened to '{string or 'the pack'}'")
+        self.seen[group] = Seen(until_ns, time.time(), reason)
 
     def table(self) -> bytes:
         """Write all events as CSV, oldest first, on the clock of the frames."""
@@ -108,7 +116,7 @@ class Events:
         write = csv.writer(out, lineterminator="\n")
         write.writerow(COLUMNS)
         for e in self.all:
-            seen = self.seen.get((e.code, e.string, bool(e.state)))
+            seen = self.seen.get(e.group)
             known = seen if seen is not None and e.time_ns <= seen.until_ns else None
             write.writerow(
                 [
@@ -127,11 +135,11 @@ class Events:
         return out.getvalue().encode()
 
     def grouped(self, until_ns: int, first_ns: int) -> list[dict[str, Any]]:
-        """Return the events until a moment: events of one kind and string are one line, newest first.
+        """Return the events until a moment: events of one group are one line, newest first.
 
         An alert replaces the earlier notices of its kind and part. Newer notices have a line of their own.
         """
-        groups: dict[tuple[str, str, bool], list[Happened]] = {}
+        groups: dict[Group, list[Happened]] = {}
         alerted: dict[tuple[str, str, str], int] = {}
         past = [e for e in self.all if e.time_ns <= until_ns]
         for e in past:
@@ -139,11 +147,12 @@ class Events:
                 alerted[e.code, e.string, e.part] = e.time_ns
         for e in past:
             if e.state or e.time_ns > alerted.get((e.code, e.string, e.part), e.time_ns - 1):
-                groups.setdefault((e.code, e.string, bool(e.state)), []).append(e)
+                groups.setdefault(e.group, []).append(e)
         newest = sorted(groups.values(), key=lambda g: -g[-1].time_ns)[:GROUPS]
         return [
             {
                 "code": g[-1].code,
+                "part": g[-1].part,
                 "string": g[-1].string,
                 **_said(g),
                 "state": g[-1].state,
@@ -159,7 +168,7 @@ class Events:
     def _told(self, group: Sequence[Happened]) -> dict[str, Any] | None:
         """Return the acknowledgement of the newest event of a group."""
         last = group[-1]
-        seen = self.seen.get((last.code, last.string, bool(last.state)))
+        seen = self.seen.get(last.group)
         if seen is None or last.time_ns > seen.until_ns:
             return None
         return {"wall_ms": int(1e3 * seen.wall_s), "reason": seen.reason}

@@ -21,7 +21,7 @@ from bms_gateway.engine import Alerted, Decoded, Engine, Estimated, Event, Judge
 from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
-from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
 from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 from bms_gateway.workbench.incidents import Events, alerts_now
@@ -302,20 +302,21 @@ class Watch:
         return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS)
 
     def acknowledge(self, name: str, wish: Mapping[str, Any]) -> None:
-        """Mark the events of one kind and string as seen, until the tab's moment; the next one is new again.
+        """Mark the events of one group as seen, until the tab's moment; the next one is new again.
 
         Raises
         ------
         UsageError
         """
-        given = [wish.get(k) for k in ("code", "string", "reason")]
+        given = [wish.get(k, "") for k in ("code", "part", "string", "reason")]
         if not all(isinstance(x, str) for x in given):
-            raise UsageError("acknowledge: code, string and reason must be texts")
-        code, string, reason = map(str, given)
+            raise UsageError("acknowledge: code, part, string and reason must be texts")
+        code, part, string, reason = map(str, given)
         with self._lock:
             view = self._view(name)
             until = self.ticks.last_ns if view.at_ns is None else int(view.at_ns)
-            self.events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
+            group = code, part, string, bool(wish.get("alert"))
+            self.events.acknowledge(group, " ".join(reason.split())[:200], until)
 
     def events_table(self) -> bytes:
         """Write all events as CSV, oldest first, with acknowledgements; on the clock of the frames."""
@@ -391,15 +392,18 @@ def _heat(heat: NDArray[np.float32], sd: NDArray[np.float32]) -> list[float | in
 
 
 def _ahead(f: Forecast | None) -> dict[str, Any] | None:
-    """Return the forecast of the cell that will be hottest; None if nothing is known."""
+    """Return the forecast of the cell that will be hottest; None if its temperature is not known to 12 K."""
     if f is None or (k := f.hottest) is None:
         return None
     first = f.first
+    told = [h if f.centre_sd[h, k] <= AVAILABLE_SD_K else None for h in TOLD_S]
+    if told[0] is None:
+        return None
     return {
         "cell": k + 1,
         "load_A": _n(f.load, 1),
-        "point": [_n(f.centre[h, k], 2) for h in TOLD_S],
-        "half": [_n(1.96 * f.centre_sd[h, k], 2) for h in TOLD_S],
+        "point": [None if h is None else _n(f.centre[h, k], 2) for h in told],
+        "half": [None if h is None else _n(1.96 * f.centre_sd[h, k], 2) for h in told],
         "limit_s": None if first is None else [first + 1, _n(f.limit_s[first], 0)],
         "discharge": [_n(x, 0) for x in f.discharge.tolist()],
         "charge": [_n(x, 0) for x in f.charge.tolist()],

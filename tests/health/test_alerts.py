@@ -19,6 +19,14 @@ def test_nothing_is_raised_in_the_grace_time_and_what_is_still_wrong_afterwards_
     assert [c.raised for c in alerts.update(10.0, [plug(), plug(part="b", settled=True)])] == [True, True]
 
 
+def test_a_signal_that_estimates_do_without_is_told_last():
+    alerts = Alerts(grace_s=0.0, hold_s=0.0)
+    voltage, inlet, hot = plug(part="voltage", minor=True), plug(part="coolant_inlet"), plug(Severity.ALARM, part="hot")
+    for t, now in enumerate(([voltage], [voltage, inlet], [voltage, inlet, hot])):
+        alerts.update(float(t), now)
+    assert alerts.raised == [hot, inlet, voltage]
+
+
 def test_a_second_grace_time_holds_back_new_alerts_and_keeps_old_ones():
     alerts = Alerts(grace_s=10.0, hold_s=0.0)
     old, new = plug(), plug(part="new")

@@ -52,6 +52,16 @@ def test_a_hottest_point_that_is_hardly_known_is_told_without_a_band_that_reache
     )
 
 
+@pytest.mark.parametrize("value", [2480.0, -1990.0, 19.0])
+def test_of_an_estimate_that_says_nothing_no_number_is_told(value):
+    at = limits()
+    for t in range(60):
+        found = step(at, t, [60.0, 30.0], [85.0 + 0.1 * t, 30.0])
+    found = step(at, 90, [25.0, 30.0], [value, 30.0], sd=4700.0, failed=[True, False])
+    assert found["core"].text.startswith("hottest point of cell 1: not known now, last 91 °C, rising")
+    assert "not seen since 31 s, the limit is 80 °C" in found["core"].text
+
+
 def test_a_cell_whose_estimate_falls_in_one_step_is_not_called_unseen_while_its_thermocouple_reads():
     # Bug: "last 89 °C, rising 2.2 K/min, not seen since 14 s" of a cell that was read in every second.
     at = limits()

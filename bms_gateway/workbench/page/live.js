@@ -169,7 +169,7 @@ function seen(e) {
   return el("button", { type: "button", class: "acknowledge", "aria-label": `Acknowledge: ${e.text}`, onclick: attempt(async () => {
     const reason = prompt("What was checked? (may be empty)");
     if (reason === null) return;
-    await post("acknowledge", { view, code: e.code, string: e.string, alert: e.alert, reason });
+    await post("acknowledge", { view, code: e.code, part: e.part, string: e.string, alert: e.alert, reason });
   }) }, "Acknowledge");
 }
 
@@ -196,14 +196,14 @@ function row(r, s, state) {
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C`);
   const f = s.ahead;
-  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min` : "");
+  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min` : "; no current can be held for 10 min below the limit"}` : "");
   put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const by = new Map();
   s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });
   const bad = [...by].map(([w, k]) => (k.length > 1 ? `sensors ${counted(k)} are ${w}` : `sensor ${k[0]} is ${w}`));
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
   put(r.heat, s.heat ? `Heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
-  const flags = s.flags.map((f) => f.replaceAll("_", " "));
+  const flags = s.flags.map((f) => f.replaceAll("_", " ").replace(/:(\d+)$/, " of cell $1"));
   const alerts = s.words.length ? [`${many(s.words.length, "alert")}, see above`] : [];
   put(r.words, sentence([...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; ")));
   r.words.className = s.words.length || s.flags.length || bad.length ? "alarm" : "";
