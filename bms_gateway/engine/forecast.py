@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 STEP_NS: Final = round(STEP_S * 1e9)
 DOUBTFUL: Final = np.uint8(Quality.DOUBTFUL)
 ANEW: Final = 6  # number of steps after which the variances are computed again
+GROWN: Final = 1.2  # the same where the standard deviation of a core has grown by this factor: a thermocouple came off
+LOST_K: Final = 50.0  # sd of a core of which nothing is known: its thermocouple came off
 LIMITED: Final = (0, 1, 3)  # horizons with permitted currents: 10 s, 1 min, 10 min
 MOST_A: Final = 6400.0  # largest current that the signal can hold; no string carries more
 NEVER_S: Final = float("inf")
@@ -49,12 +51,13 @@ NEVER_S: Final = float("inf")
 
 @dataclass(slots=True)
 class _Watched:
-    """Outlook of one group, with the variances last computed and their age in steps."""
+    """Outlook of one group; the variances last computed, their age in steps, and the sd of the cores then (S, n), K."""
 
     group: "Group"
     outlook: LooksAhead
     certainty: Certainty | None = None
     age: int = 0
+    sd: Floats | None = None
 
 
 class Forecasts:
@@ -158,10 +161,13 @@ class Forecasts:
             inlet_sd = np.where(lost, np.hypot(inlet_sd, held[:, None]), inlet_sd)
         coming = self._coming(group, s, inlet_sd)
         w.age += 1
-        known = w.certainty if w.age < ANEW else None
+        n = group.cells
+        sd = np.sqrt(_core_sd(s, n) ** 2 + coming.shift_sd**2 + coming.heat_sd**2)
+        grown = w.sd is not None and bool((sd > GROWN * w.sd + 0.1).any())
+        known = w.certainty if w.age < ANEW and not grown else None
         ahead = w.outlook.ahead(s, coming, known)
         if known is None:
-            w.certainty, w.age = ahead.certainty, 0
+            w.certainty, w.age, w.sd = ahead.certainty, 0, sd
         square = np.nan_to_num(self._load.square[rows])
         surely = None
         if unknown.any():  # the usual load, with the scatter of a drive
@@ -175,10 +181,14 @@ class Forecasts:
         """Collect the assumptions about the time ahead, besides the observer's state."""
         S, n = len(group.members), group.cells
         heat, heat_sd, shift, shift_sd = np.zeros((4, S, n))
-        watch = group.watch
+        core, watch = s.x[:, 0 : 2 * n : 2], group.watch
+        lost: Bools = _core_sd(s, n) > LOST_K
+        if lost.any():  # the estimate is anything: its neighbours do not feel it, only how little is known of it
+            others = np.where(lost, 0.0, core).sum(axis=1) / np.maximum((~lost).sum(axis=1), 1)
+            usual = np.where((~lost).any(axis=1), others, s.inlet)
+            shift = np.where(lost, usual[:, None] - core, 0.0)
         if watch is not None and watch.told.some:
-            core = s.x[:, 0 : 2 * n : 2]
-            shift = np.where(np.isfinite(watch.told.core), watch.told.core - core, 0.0)
+            shift = np.where(np.isfinite(watch.told.core), watch.told.core - core, shift)
             shift_sd = np.nan_to_num(watch.told.core_sd)
         for j, string in enumerate(group.strings):
             for f in string.health.heat:
@@ -228,6 +238,12 @@ class Forecasts:
                 (same if charging else other)[:, j],
                 doubtful[j],
             )
+
+
+def _core_sd(s: Standing, n: int) -> Floats:
+    """Return the standard deviations (S, n) of the cores if the numbers were exact, K."""
+    variance: Floats = np.diagonal(s.P, axis1=1, axis2=2)[:, 0 : 2 * n : 2]
+    return np.sqrt(variance)
 
 
 def _between() -> Floats:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bms_gateway.observe.innovation_check import possible
 from bms_gateway.observe.model import Ints
 from bms_gateway.thermal import Floats
 
@@ -44,7 +45,7 @@ class Belief:
     def loosened(self, at: Ints, grown: Floats) -> "Belief":
         """Increase the variances of the states `at` by `grown`, K²."""
         P = self.P.copy()
-        P[at, at] += grown
+        P[at, at] += possible(grown, P[at, at])
         return Belief(self.z, P, self.J)
 
 

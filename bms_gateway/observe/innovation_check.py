@@ -69,8 +69,18 @@ GONE_K2: Final = 1e-8
 """Least variance, K²; a smaller one is treated as zero."""
 MOST_K: Final = 200.0
 """Upper limit for averages of innovations, K, and rates, K/s."""
+CORE_K: Final = 300.0
+"""Upper limit of the sd of a core: more than that no core and its surface differ, even in a thermal runaway."""
 FINE_K: Final = 1e-4
 """Smaller differences of readings are rounding."""
+
+
+def possible(grown: Floats, variance: Floats) -> Floats:
+    """Limit the growth of the variances of cores, K², so that none grows beyond `CORE_K`.
+
+    A thermocouple that comes off moves by 20 K at once. Heat in the core would need thousands of kelvins for that.
+    """
+    return np.minimum(grown, np.maximum(CORE_K**2 - variance, 0.0))
 
 
 class SensorNoise:

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.observe.covariance_steps import EVERY, LAG_HOLD, LAG_STEPS, Calm, due, stilled
+from bms_gateway.observe.innovation_check import possible
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel
 from bms_gateway.observe.strides import Ladder, Stride
 from bms_gateway.thermal import Floats
@@ -277,7 +278,8 @@ class Kalman:
         state = self.caught_up(state, at)
         P, held = state.P.copy(), state.held.copy()
         core = 2 * self.sensors[at]
-        np.add.at(P, (at[:, None], core, core), np.where(self.fitted[at], grown[at], 0.0))
+        where = at[:, None], core, core
+        np.add.at(P, where, np.where(self.fitted[at], possible(grown[at], P[where]), 0.0))
         held[at] = np.minimum(held[at], EVERY - 1)  # the next steps are computed one by one
         return replace(state, P=P, held=held)
 
