@@ -5,7 +5,8 @@ import pytest
 
 from bms_gateway.engine import Engine, Estimated, Foreseen, SendFrames, drive
 from bms_gateway.frames.batch import FrameBatch
-from tests.engine.packs import database, plan, traffic
+from tests.engine.packs import EPOCH_S, database, plan, traffic
+from tests.engine.told_strings import S, said, warm, with_channels
 from tests.frames.payloads import OWN, parsed
 
 
@@ -55,3 +56,23 @@ def test_of_a_core_that_is_not_known_nothing_is_foreseen(driven) -> None:
         assert f is not None
         assert np.array_equal(np.isnan(f.core[0]), np.isnan(core))
         assert np.isinf(f.limit_s[np.isnan(core)]).all()
+
+
+@pytest.mark.parametrize("drop_K", [5.0, 12.0, 25.0])
+def test_a_thermocouple_that_comes_off_makes_no_forecast_of_its_neighbours_wild(drop_K) -> None:
+    # Bug: 148 ± 8 °C were foreseen of a cell of 40 °C, since the core of its neighbour was estimated at 2,500 °C.
+    off = 200.0
+    engine = Engine(with_channels(), database())
+    engine.foresee()
+    frames = said(320, current=lambda t: 20.0, last=lambda t: warm(t) + 0.5 - drop_K * (t >= off))
+    seen = [(e.time_ns // S - EPOCH_S, e.forecasts[0]) for e in drive(engine, [frames]) if isinstance(e, Foreseen)]
+    assert engine.faults == []
+    before = next(f for t, f in reversed(seen) if t <= off)
+    after = [f for t, f in seen if t > off]
+    assert before is not None
+    for f in after:
+        assert f is not None
+        assert f.centre_sd[0, 3] < 1000.0
+        told = f.centre_sd[:, :3] <= 12.0
+        moved = np.abs(f.centre[:, :3] - before.centre[:, :3])
+        assert (moved < 8.0 + 2.0 * np.hypot(f.centre_sd, before.centre_sd)[:, :3])[told].all()

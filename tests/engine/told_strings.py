@@ -43,9 +43,14 @@ def warm(t: float) -> float:
 
 
 def said(
-    seconds: int, current: Course = drawn, voltage: Course = volts, surface: Course = warm, start: int = 0
+    seconds: int,
+    current: Course = drawn,
+    voltage: Course = volts,
+    surface: Course = warm,
+    start: int = 0,
+    last: Course | None = None,
 ) -> FrameBatch:
-    """One string's frames: current and voltage ten times a second, the rest once."""
+    """One string's frames: current and voltage ten times a second, the rest once; `last`: surface of cell 4."""
     encoder = Encoder(database(), MESSAGES)
     times, rows, values = [], [], []
 
@@ -63,7 +68,7 @@ def said(
         if k % 10 == 5:
             put(t, encoder.row("string_1_coolant"), coolant_inlet=20.0 + 0.02 * t, coolant_flow=1e-4, soc=0.5)
             put(t, encoder.row("string_1_surface", 0), surface_01=surface(t))
-            put(t, encoder.row("string_1_surface", 1), surface_04=surface(t) + 0.5)
+            put(t, encoder.row("string_1_surface", 1), surface_04=last(t) if last else surface(t) + 0.5)
     can_id, length, data = encoder.encode(np.array(rows), np.array(values))
     return FrameBatch(np.array(times, np.int64), can_id, length, data)
 
