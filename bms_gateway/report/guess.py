@@ -109,6 +109,8 @@ _CHARGE: Final = re.compile(r"\b(ladung|charge|f(ü|ue)llstand|akku|batterie|bat
 _CHARGING_RISES: Final = re.compile(
     r"\b(laden|ladung|charge|charging|chg)\b[ :=]*(\+|pos)|\+[ :=]*(laden|ladung|charge|charging|chg)\b"
     r"|\b(entladen|entladung|discharge|discharging)\b[ :=]*(neg|[-\u2212](?=\s*([\])/,;]|$)))"
+    r"|^(?!.*(discharge|entlade|d(é|e)charge|descarga|scarica)).*\b(ladestrom|charg(e|ing).?current|courant de charge"
+    r"|corriente de carga|corrente di carica)\b"
 )
 """Words in the name of a current that is positive while it charges."""
 

@@ -143,7 +143,7 @@ def is_number(cell: str) -> bool:
 def units_row(cells: Sequence[str]) -> bool:
     """Whether a row below the header has the units of the columns: nothing in it is a value, something is a unit."""
     given = [c.strip() for c in cells if c.strip()]
-    if not given or any(is_number(c) or any(d.isdigit() for d in c[:2]) for c in given):
+    if not given or any(is_number(c) or any(d in "0123456789" for d in c[:2]) for c in given):
         return False
     units = [bare_unit(c) for c in given]
     known = sum(any(u in quantity for quantity in UNITS.values()) for u in units)

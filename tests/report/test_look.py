@@ -167,7 +167,11 @@ def test_signs_are_told_by_the_voltage_before_the_charge():
         ("Current (discharge +)", False),
         ("Strom Entladen + [A]", False),
         ("charge/discharge current [A]", False),
-        ("Ladestrom [A]", False),
+        ("Ladestrom [A]", True),
+        ("Lade-/Entladestrom [A]", False),
+        ("Courant de charge (A)", True),
+        ("Courant de décharge (A)", False),
+        ("Courant charge/décharge (A)", False),
     ],
 )
 def test_a_name_tells_the_sign_where_nothing_else_does(tmp_path, name, flip):
@@ -317,3 +321,17 @@ def test_a_range_says_of_how_many_rows_it_is(tmp_path, count, all_seen):
         assert (high, told) == (count - 1, [])
     else:
         assert told == [f"least and greatest values are those of the first {round(high) + 1:,} rows"]
+
+
+@pytest.mark.parametrize("first", ["hh:mm:ss", "", "s"])
+def test_a_row_of_units_with_signs_of_powers_is_one(tmp_path, first):
+    path = tmp_path / "bench.csv"
+    rows = [f"{10 * k};{k % 7}00,5;295,1;70,0;34,2;72,5;72,6" for k in range(30)]
+    if first == "hh:mm:ss":
+        rows = [f"23:59:{k:02d}{row[row.index(';') :]}" for k, row in enumerate(rows)]
+    head = "Uhrzeit;Strom Batterie;Wasser ein;Füllstand Akku;Durchfluss;Mantel Z1;Mantel Z5"
+    text = "\r\n".join(["Prüfstand 7;;;;;;", "", head, f"{first};mA;K;%;m³/h;°F;°F", *rows])
+    path.write_bytes(text.encode("cp1252"))
+    found = look(path)["columns"]
+    assert [c["stated"] for c in found[1:]] == ["mA", "K", "%", "m³/h", "°F", "°F"]
+    assert [c["ours"] for c in found][1:3] == ["current_A", "coolant_inlet_C"]
