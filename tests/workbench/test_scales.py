@@ -25,6 +25,33 @@ def pack(tmp_path_factory):
     return make_pack(tmp_path_factory.mktemp("pack"))
 
 
+INSIDE = """
+const p = document.querySelector('#plot-surface'), all = p._fullLayout;
+const [from, to] = all.xaxis.range, [low, high] = all.yaxis.range;
+const m = p.data.find(d => d.name === 'measured' && !d.yaxis);
+const inside = Array.from(m.y).filter((_, i) => m.x[i] >= from && m.x[i] <= to);
+const ys = inside.filter((y) => typeof y === 'number' && !Number.isNaN(y));
+return ys.length > 20 && Math.min(...ys) > low && Math.max(...ys) < high && high - low < arguments[0];
+"""
+
+
+def test_a_stretch_fills_the_picture_and_the_whole_record_comes_back(window, pack):
+    with served(pack.folder, pack.clean, "--model", pack.model) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-compare")
+        page.wait("return document.querySelector('#plot-surface')?.dataset.linked")
+        whole = page.run("return document.querySelector('#plot-surface')._fullLayout.yaxis.range")
+        size = 0.5 * (whole[1] - whole[0])
+        assert not page.run(INSIDE, size)
+        page.run("return Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': [10, 11]})")
+        page.wait(INSIDE, size)
+        page.run("return Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.autorange': true})")
+        page.wait("return document.querySelector('#plot-surface')._fullLayout.yaxis.range.join() === arguments[0]",
+                  ",".join(map(str, whole)))  # fmt: skip
+
+
 def test_colours_and_axis_of_the_residual_follow_what_is_shown_or_stay(window, pack):
     with served(pack.folder, pack.clean, "--model", pack.model) as url:
         page = window(url)

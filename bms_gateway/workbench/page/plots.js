@@ -180,7 +180,9 @@ async function draw(place) {
     layout.margin = { ...layout.margin, t: layout.margin.t + BUTTONS };
     layout.height += BUTTONS;
   }
-  if (place === "surface" && ui.closeUp) layout.yaxis2.range = reach(figure) ?? layout.yaxis2.range;
+  // a stretch fills the picture, with the same axes for all steps; records that are laid over it keep those of the whole
+  if (range && ["surface", "core"].includes(place) && !figure.beside) Object.assign(layout, around(figure, layout, range));
+  if (place === "surface" && ui.closeUp && !range) layout.yaxis2.range = reach(figure) ?? layout.yaxis2.range;
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
   const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
@@ -227,6 +229,23 @@ async function draw(place) {
     node.on("plotly_relayout", (change) => zoomed(node, change));
     measure.grips(node);
   }
+}
+
+// The axes of a figure for what all of its steps have in a stretch of time.
+function around(figure, layout, [from, to]) {
+  const found = { yaxis: [], yaxis2: [] };
+  const take = (of, axis) => of?.x?.forEach((x, i) => { const y = of.y[i]; if (x >= from && x <= to && typeof y === "number" && !Number.isNaN(y)) found[axis].push(y); });
+  for (const d of figure.data) take(d, d.yaxis === "y2" ? "yaxis2" : "yaxis");
+  const names = ticked(state.steps).map((s) => s.name);
+  for (const s of figure.steps ?? []) {
+    for (const of of s.model ? [s.model] : [s.low, s.high]) take(of, "yaxis");
+    if (!ui.closeUp || names.includes(s.name)) for (const of of [s.each, s.mean]) take(of, "yaxis2");
+  }
+  const axes = Object.entries(found).filter(([axis, ys]) => ys.length && layout[axis]);
+  return Object.fromEntries(axes.map(([axis, ys]) => {
+    const low = ys.reduce((a, b) => Math.min(a, b)), high = ys.reduce((a, b) => Math.max(a, b)), edge = 0.08 * Math.max(high - low, 0.1);
+    return [axis, { ...layout[axis], range: [low - edge, high + edge] }];
+  }));
 }
 
 // Where the residuals of the ticked steps lie, with an edge; null before a step is there.

@@ -207,7 +207,7 @@ function opened() {
     ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
-    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
+    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(r.minutes < 10 ? 1 : 0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
     el("h3", {}, "Direct checks"),
     o.checks.length
       ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, sentence(`${c.weight}: `)), by(c) + c.sentence)))
