@@ -14,6 +14,8 @@ from bms_gateway.errors import counted
 Tell = Callable[[float, str], None]
 ROOM: Final = 0.1
 """Most that pieces of work without a known total can move the bar, as a share of all work."""
+AGAIN: Final = 0.5
+"""Share of the rest of the bar for a search that begins anew."""
 PIECES: Final = 150.0
 """Number of pieces after which they have moved the bar by two thirds of `ROOM`."""
 EVERY_S: Final = 0.25
@@ -23,6 +25,9 @@ EVERY_S: Final = 0.25
 class Moving:
     """Reports shares that never fall.
 
+    A search that begins anew reports smaller shares than before. Its work was not foreseen, and neither is what may come
+    after it: it gets `AGAIN` of the rest of the bar.
+
     Parameters
     ----------
     tell : callable
@@ -31,19 +36,24 @@ class Moving:
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
-        self._share, self._shown, self._text = 0.0, 0.0, ""
+        self._reported, self._share, self._shown, self._text = 0.0, 0.0, 0.0, ""
+        self._from, self._per = 0.0, 1.0  # a reported share x is shown as _from + _per x
         self._pieces, self._said = 0, 0.0
 
     def step(self, share: float, text: str) -> None:
         """Use the share reported by the work itself."""
-        self._share, self._text, self._pieces = max(share, self._shown), text, 0
+        if share < self._reported:
+            self._per = AGAIN * (1.0 - self._shown) / max(1.0 - share, 1e-9)
+            self._from = self._shown - self._per * share
+        self._reported, self._text, self._pieces = share, text, 0
+        self._share = 1.0 if share >= 1.0 else self._from + self._per * share
         self._say(self._share, text)
 
     def beat(self) -> None:
         """Count one more piece of work."""
         self._pieces += 1
         if time.monotonic() - self._said >= EVERY_S:
-            further = ROOM * (1.0 - math.exp(-self._pieces / PIECES))
+            further = self._per * ROOM * (1.0 - math.exp(-self._pieces / PIECES))
             share = self._share + min(further, 0.9 * (1.0 - self._share))
             self._say(share, f"{self._text} ({counted(self._pieces, 'trajectory', 'trajectories')})")
 

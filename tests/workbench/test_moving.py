@@ -58,6 +58,26 @@ def test_the_bar_moves_between_steps_and_never_back(monkeypatch):
     beat()  # nobody listens any more
 
 
+def test_a_search_that_begins_anew_moves_the_bar_too_and_does_not_fill_it(monkeypatch):
+    # Bug: the bar of sixty cells was full for six minutes, because every step began where the pieces had led to.
+    now = [0.0]
+    monkeypatch.setattr("bms_gateway.workbench.moving.time.monotonic", lambda: now[0])
+    told = []
+    moving = Moving(lambda share, text: told.append(share))
+    for rival in range(4):
+        before = told[-1] if told else 0.0
+        for k in range(60):
+            moving.step(0.3 + 0.01 * k, f"search {rival}")
+            for _ in range(400):
+                now[0] += 0.05
+                moving.beat()
+        assert told[-1] > before + 0.02
+    assert told == sorted(told)
+    assert told[-1] < 0.99
+    moving.step(1.0, "done")
+    assert told[-1] == 1.0
+
+
 def test_a_fit_tells_its_pieces(compared):
     count = []
     problem = compared.refitted.fit.problem
