@@ -25,7 +25,7 @@ EVERY_S: Final = 0.25
 class Moving:
     """Reports shares that never fall.
 
-    A search that begins anew reports smaller shares than before. Its work was not foreseen, and neither is what may come
+    A search that begins anew reports smaller shares than before. Its work was not foreseen, nor is what may come
     after it: it gets `AGAIN` of the rest of the bar.
 
     Parameters

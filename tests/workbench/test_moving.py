@@ -67,7 +67,7 @@ def test_a_search_that_begins_anew_moves_the_bar_too_and_does_not_fill_it(monkey
     for rival in range(4):
         before = told[-1] if told else 0.0
         for k in range(60):
-            moving.step(0.3 + 0.01 * k, f"search {rival}")
+            moving.step(0.1 + 0.005 * k, f"search {rival}")
             for _ in range(400):
                 now[0] += 0.05
                 moving.beat()
