@@ -35,6 +35,7 @@ _INLET: Final = (
     r"\b(inlet|vorlauf|zulauf|zuluft|eintritt|einlass|t.?in|temp in|coolant|coolant temp|entr(é|e)e"
     r"|k(ü|ue)hl(mittel|wasser|fl(ü|ue)ssigkeit)(vorlauf|zulauf|eintritt|einlass)?)\b"
     r"|\b(wasser|water|glykol|glycol|fluid|medium)( temperatur)? (ein|in|eingang)\b|^t ((km|kw|wasser) )?ein$"
+    r"|\bt (fluid|water|glycol)\b|\b(eau|agua|acqua)\b.*\b(entr(é|e)e|entrada|ingresso)\b"
 )
 _AIR: Final = (
     r"\b(ambient|amb|chamber|umgebung|(klima)?kammer|raum|room|t.?amb|(au(ß|ss)en|umgebungs|raum|kammer)?luft|air"
@@ -43,7 +44,7 @@ _AIR: Final = (
 _CORE: Final = r"\b(core|kern|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo)\b"
 _WHEN: Final = (
     r"\b(time|zeit|timestamp|datum|date|uhrzeit|elapsed|test.?time|zeitstempel|messzeit|versuchszeit)\b"
-    r"|^t( (s|ms|sec|min|h))?$"
+    r"|^ts?( (s|ms|sec|min|h))?$|\btemps( ((é|e)coul(é|e)|test|essai))?\b|\btiempo\b|\btempo\b"
 )
 _CELL: Final = (
     r"(cell|zelle|zell|surface|surf|oberfl\w*|haut|skin|case|can|mantel|geh(ä|ae)use|temp|temperatur|thermocouple"
@@ -61,7 +62,7 @@ _OF_THE_BATTERY: Final = re.compile(
 _AN_EXTREME: Final = re.compile(r"\b(max|min|maximum|minimum|highest|lowest|delta|diff)\b")
 _ELECTRIC: Final = re.compile(r"\b(voltage|volts?|\w*spannung|current|strom|soc|u|v|i)\b")
 _JOINED: Final = re.compile(
-    r"\bt(?=(surf\w*|oberfl\w*|zelle?|cell|case|can|geh(ä|ae)use|core|kern|amb|ambient|umg\w*|luft|air|inlet|cool\w*"
+    r"\bt(?=(surf\w*|oberfl\w*|zelle?|cell|case|can|geh(ä|ae)use|core|kern|amb|ambient|umg\w*|luft|air|inlet|cool\w*|fluid|water|glycol"
     r"|k(ü|ue)hl\w*|vorlauf|skin|haut)\b)"
 )
 """A t for temperature that is joined with the next word, such as `tsurf`."""
@@ -76,7 +77,7 @@ ONES: Final = (
         "current_A",
         "current",
         re.compile(
-            r"\b(current|strom|i|amps?|amperes?|courant|pack.?current"
+            r"\b(current|strom|i|ib|i.?bat(t|tery)?|amps?|amperes?|courant|corriente|corrente|pack.?current"
             r"|(pack|batterie|gesamt|lade|entlade|last|strang|modul)strom)\b"
         ),
     ),

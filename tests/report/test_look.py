@@ -335,3 +335,15 @@ def test_a_row_of_units_with_signs_of_powers_is_one(tmp_path, first):
     found = look(path)["columns"]
     assert [c["stated"] for c in found[1:]] == ["mA", "K", "%", "m³/h", "°F", "°F"]
     assert [c["ours"] for c in found][1:3] == ["current_A", "coolant_inlet_C"]
+
+
+@pytest.mark.parametrize(
+    "names",
+    ["ts,Ib,Tfluid,NTC1", "Temps écoulé (s),Courant (A),Eau entrée,T° peau 1", "Tiempo,Corriente [A],Agua entrada,T1"],
+)
+def test_words_of_other_makers_and_languages(tmp_path, names):
+    path = tmp_path / "table.csv"
+    rows = [f"{1764000000 + k},{3 * (-1) ** k},20.{k:02d},21.{k:02d}" for k in range(40)]
+    path.write_text("\n".join([names, *rows]), encoding="utf-8")
+    found = [c["ours"] for c in look(path)["columns"]]
+    assert found == ["time_s", "current_A", "coolant_inlet_C", "surface_1_C"]
