@@ -347,17 +347,19 @@ class Desk:
         return self._frames[-1]
 
     def _named(self) -> Document | None:
-        """Return the files with names for people: files in this tab's folder without the path."""
+        """Return the open files with names for people."""
+        return None if self.files is None else self._by_name(self.files)
+
+    def _by_name(self, files: Document) -> Document:
+        """Return files with names for people: files in this tab's folder without the path."""
 
         def plain(x: Any) -> Any:
             if isinstance(x, str):
                 return x.removeprefix(f"{self.folder}/")
             return [plain(y) for y in x] if isinstance(x, list) else x
 
-        if self.files is None:
-            return None
-        recent = self.files.get("recent")
-        named = {k: plain(v) for k, v in self.files.items()}
+        recent = files.get("recent")
+        named = {k: plain(v) for k, v in files.items()}
         return {**named, "recent": {k: plain(v) for k, v in recent.items()} if recent else None}
 
     def _session(self, files: Document) -> Document:
@@ -429,6 +431,11 @@ class Desk:
         if "error" in answer:
             self._to_resume.abandon()
             self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
+            asked = self._request.content
+            if asked["do"] == "open" and self._looked is None and asked["files"]["tables"]:
+                told = self._error  # it may ask for what only the table of the columns can say
+                self.look(asked["files"])
+                self._error = told
         elif "done" in answer:
             self._job = None
             self._take(self._request.content, answer["done"])
@@ -443,7 +450,7 @@ class Desk:
     def _take(self, request: Mapping[str, Any], done: Document) -> None:
         match request["do"]:
             case "look":
-                self._looked = done
+                self._looked = {**done, "files": self._by_name(request["files"])}
             case "open":
                 self._to_resume.recalled, self._to_resume.dropped = done.pop("recalled"), done.pop("dropped")
                 self.files, self._opened, self._refusal = done.pop("files"), done, None

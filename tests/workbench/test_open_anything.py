@@ -89,6 +89,22 @@ def test_a_german_table_from_another_tool_is_opened_by_its_columns(window, url, 
     assert page.complaints() == []
 
 
+def test_a_foreign_table_of_the_command_line_shows_its_columns(window, pack, tmp_path):
+    """The page asked for the table of the columns, and there was none."""
+    table = german(pack.hidden, tmp_path / "messung.csv")
+    with served(tmp_path, table, "--model", pack.model) as url:
+        page = window(url)
+        page.wait("return document.querySelectorAll('#mapping tbody tr').length > 6")
+        page.idle()
+        assert "columns" in page.text("#error-text")
+        assert page.run("return document.querySelector('#tables').value") == str(table)
+        assert page.run("return document.querySelector('#model').value") == str(pack.model)
+        assert "guessed" in page.text("#mapping-told")
+        page.click("#open")
+        compared(page)
+        assert page.text("#error-text") == ""
+
+
 def test_each_of_several_tables_has_its_columns(window, url, pack, tmp_path):
     """Two by a foreign tool, which share their names, and one of ours; the fourth has other names again."""
     page = window(url)

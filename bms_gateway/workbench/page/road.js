@@ -157,18 +157,24 @@ export function show(next) {
   state = next;
   // what a restart of the program needs, at once; while it goes its way again the longer way is kept
   if (state.session && !state.resuming) keep({ session: state.session });
+  const given = !state.files && state.looked?.files; // what the command line named, and could not be opened as it is
+  if (given && !$("tables").value.trim()) {
+    $("tables").value = given.tables.join("\n");
+    for (const name of ["model", "config", "string"]) $(name).value ||= given[name] ?? "";
+    typed();
+  }
   columns.show(state.looked, Boolean(state.opened));
   if (first && state.files) {
-    const asked = state.session.files; // without what was made of them
+    const named = state.session.files; // without what was made of them
     $("tables").value = state.files.tables.join("\n");
-    for (const field of ["model", "config", "string"]) $(field).value = asked[field];
+    for (const field of ["model", "config", "string"]) $(field).value = named[field];
     $("recent").value = ""; // taken: it is a table now
     $("store").value = state.files.recent?.store ?? "";
-    $("dbc").value = asked.dbc.join("\n");
-    columns.fill(asked.form);
+    $("dbc").value = named.dbc.join("\n");
+    columns.fill(named.form);
     columns.keep(state.files);
     $("columns").value = columns.table() ? "" : state.files.columns.join(",");
-    $("more").open = Boolean(asked.config || asked.dbc.length || $("columns").value || state.files.recent?.store);
+    $("more").open = Boolean(named.config || named.dbc.length || $("columns").value || state.files.recent?.store);
   }
   $("start").hidden = Boolean(state.opened || state.looked);
   const added = state.steps.filter((s) => s.words.length);
