@@ -129,6 +129,8 @@ class Alerting:
         for nearing, s in zip(self._nearing, self._estimators.strings, strict=True):
             if s.forecast is not None and s.forecast.time_ns == t1:
                 nearing.take(s.forecast.approach(), s.forecast.peak)
+            elif pause_s >= QUIET_S:
+                nearing.silent(pause_s)
         changes = self.alerts.update(now_s, list(self._conditions(quiet=pause_s >= QUIET_S)), last=silent)
         return [Alerted(t1, change) for change in changes]
 

@@ -97,6 +97,16 @@ class Nearing:
         if self._for >= HOLD or self.condition is not None:
             self.condition = self._told(approach)
 
+    def silent(self, pause_s: float) -> None:
+        """Say of a warning that nothing has been heard for `pause_s`: the load of before may go on, or not."""
+        if self.condition is not None and self._last is not None:
+            a = self._last
+            text = (
+                f"hottest point of cell {a.cell} was to reach {self._limit:g} °C at the load of before the bus fell "
+                f"silent ({_load(a.load_A)}, {duration(pause_s)} ago)"
+            )
+            self.condition = replace(self.condition, text=text)
+
     def _past(self, a: Approach, hottest_C: float) -> str:
         """Say that the present load does not lead to the limit, but the load of a moment ago did."""
         most = f" (at most {hottest_C:.1f} °C within 10 min)" if isfinite(hottest_C) else ""

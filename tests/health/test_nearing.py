@@ -92,3 +92,16 @@ def test_what_was_forecast_at_another_load_is_told_as_past() -> None:
     n.take(SOON, 66.0)
     assert n.condition is not None
     assert "at this load (78 A" in n.condition.text
+
+
+def test_on_a_silent_bus_it_is_told_as_what_was_to_come() -> None:
+    n = Nearing("s", 60.0)
+    n.silent(30.0)
+    assert n.condition is None
+    n.take(SOON, 66.0)
+    n.take(SOON, 66.0)
+    n.silent(240.0)
+    assert n.condition is not None
+    assert n.condition.text == (
+        "hottest point of cell 3 was to reach 60 °C at the load of before the bus fell silent (78 A, 4 min ago)"
+    )

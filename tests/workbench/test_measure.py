@@ -18,6 +18,10 @@ from tests.workbench.conftest import served
 
 BEGAN = datetime(2026, 3, 7, 9, 30)
 LATER = timedelta(minutes=10)
+AXES = (
+    "const a = [...document.querySelectorAll('#stage .plot')].filter(p => p.dataset.linked && !p.parentElement.hidden)"
+    ".map(p => p._fullLayout.xaxis.range)"
+)
 
 
 def written(source: Path, to: Path, began: datetime, pressure: bool) -> Path:
@@ -298,6 +302,15 @@ def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, ax
         page.run("Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.autorange': true})")
         first = "return document.querySelector('#plot-surface').data.find(d => d.name === 'second.csv').x[0]"
         page.wait(f"{first} >= 9.9 && document.querySelector('#measures').dataset.window.startsWith('0,')")
+        page.idle()
+        for by in ("start", "clock"):  # every plot has the time of all that is drawn, at once
+            page.run(
+                "const s = document.querySelector('#beside-by'); s.value = arguments[0];"
+                "s.dispatchEvent(new Event('change'))",
+                by,
+            )
+            longer = "Math.abs(a[0][1] - 35) < 1" if by == "clock" else "Math.abs(a[0][1] - 25) < 1"
+            page.wait(f"{AXES}; return a.length > 2 && a.every(x => x.join() === a[0].join()) && {longer}")
         for width in (390, 1024, 1280, 1920):
             page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             page.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=10)

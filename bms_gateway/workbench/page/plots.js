@@ -173,6 +173,7 @@ async function draw(place) {
   const overTime = timed().includes(place);
   if (overTime) {
     layout.xaxis.range = range ?? whole() ?? layout.xaxis.range;
+    spec.drawn = layout.xaxis.range.join();
     layout.shapes = [...(layout.shapes ?? []), ...themed(measure.lines())];
   }
   // names of additions are long: the buttons of the plot get a row of their own above them
@@ -324,9 +325,10 @@ async function resampled() {
   const mine = ++sampling, began = performance.now();
   const there = timed().filter((p) => specs[p]?.figure);
   const found = await Promise.all(there.map((p) => figureOf(p, specs[p].name)));
-  for (const [i, p] of there.entries()) {
+  if (mine !== sampling) return;
+  for (const [i, p] of there.entries()) if (specs[p]?.figure) specs[p].figure = found[i];
+  for (const p of there) {
     if (mine !== sampling) return;
-    if (specs[p]?.figure) specs[p].figure = found[i];
     await draw(p);
   }
   if (mine !== sampling) return;
@@ -392,6 +394,8 @@ export async function show(next, fresh) {
     specs[place] = { name, figure: found };
     await draw(place);
   }
+  // a plot that was drawn before all of the time was known, that of records laid over it too
+  for (const place of timed()) if (specs[place]?.figure && specs[place].drawn !== (range ?? whole())?.join()) await draw(place);
   await pairs();
   tell();
   $("stage").dataset.version = state.version;
