@@ -287,6 +287,19 @@ def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, ax
         page.click("#cursors-here")
         page.wait("return Math.abs(Number(document.querySelector('#cursor-a-at').value) - 8.333) < 0.01")
 
+        # by keyboard: the arrows go through the columns, Enter takes one
+        page.run("document.querySelector('#track-choice').focus()")
+        page.press("Down")
+        page.press("Down")
+        assert not page.there("#tracks .plot")
+        wanted = page.run("return document.querySelector('#track-choice').value")
+        page.press("Enter")
+        page.wait("return document.querySelector('#tracks .plot .main-svg')")
+        assert wanted in page.run("return document.querySelector('#tracks .plot').dataset.column")
+        page.idle()
+        page.click("#tracks .away")
+        come(lambda: not page.there("#tracks .plot"), "the track to go")
+
         # a further track, and the other record over it
         page.run(
             "const s = document.querySelector('#track-choice'); s.value = 'Druck am Einlass [bar]';"

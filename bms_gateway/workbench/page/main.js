@@ -191,7 +191,7 @@ async function start() {
   $("cancel").addEventListener("click", () => road.work("cancel"));
   for (const s of STEPS) $(`tab-${s}`).addEventListener("click", () => step(s));
   addEventListener("busy", refresh);
-  addEventListener("tab", (e) => step(e.detail));
+  addEventListener("tab", (e) => step(e.detail, !document.activeElement?.closest(`#panel-${e.detail}`))); // what was pressed may go away
   addEventListener("keydown", keys);
   document.addEventListener("visibilitychange", () => { live.listen(ui.tab === "live" && !document.hidden); listen(); });
   new ResizeObserver(() => document.documentElement.style.setProperty("--top", `${$("top").offsetHeight}px`)).observe($("top"));

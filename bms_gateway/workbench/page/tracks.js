@@ -102,7 +102,12 @@ function choice() {
   if (select.dataset.told === told) return;
   select.dataset.told = told;
   select.replaceChildren(el("option", { value: "" }, "a column of the table …"), ...free.map((c) => el("option", { value: c.name }, c.unit && !c.name.includes(c.unit) ? `${c.name}, ${c.unit}` : c.name)));
-  select.onchange = () => {
+  select.title = "Arrow keys go through the columns, Enter draws the one that is shown";
+  let keyed = false;
+  select.onpointerdown = () => { keyed = false; };
+  select.onkeydown = (e) => { if (e.key === "Enter" && keyed) { e.preventDefault(); chosen(); } else keyed = e.key !== "Enter"; };
+  select.onchange = () => { if (!keyed) chosen(); };
+  const chosen = () => {
     if (!select.value) return;
     tried.delete(`${ui.record} ${select.value}`);
     keep({ tracks: [...ui.tracks, { record: ui.record, column: select.value }] });
