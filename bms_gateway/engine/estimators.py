@@ -25,7 +25,6 @@ from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
 from bms_gateway.health.heat.heat_tick import HeatTick
-from bms_gateway.identify import string_parameters
 from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
 from bms_gateway.identify.cells_in_words import sentence
@@ -164,7 +163,7 @@ class Estimators:
         if group.voltage:
             of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
             heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
-        measured = Driven(I2, heat, inlet, flow)
+        measured = Driven(I2, I, heat, inlet, flow)
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
         e = group.observed.step(readings, measured, believed, age, of)
         square, inlet = group.observed.plainly(measured)
@@ -265,13 +264,9 @@ class Estimators:
         if cells is not None:
             observer.set_parameters(j, cells.values, cells.names, cells.common, cells.own)
         else:
-            posterior = s.identifier.posterior()
-            numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
-            values = {name: getattr(numbers, name) for name in posterior.names}
-            if posterior.heat is not None:
-                values["heat"] = posterior.heat.value
             own = None if s.kept is None else s.kept.own  # the common part scales all cells; their differences stay
-            observer.set_parameters(j, values, *posterior.with_heat(), own)
+            known = s.identifier.posterior().for_observer(s.plan.model)
+            observer.set_parameters(j, *known, own)
         group.reveal(j)
         s.estimates = s.known()
 

@@ -36,8 +36,8 @@ class Driven(NamedTuple):
 
     Attributes
     ----------
-    square : ndarray (S,), A²
-        Mean square of the current.
+    square, current : ndarray (S,), A², A
+        Mean square and mean of the current.
     heat : ndarray (S,), W
         Heat of one cell from the voltage; NaN if unknown.
     inlet : ndarray (S,), °C
@@ -46,6 +46,7 @@ class Driven(NamedTuple):
     """
 
     square: Floats
+    current: Floats
     heat: Floats
     inlet: Floats
     flow: Floats | None
@@ -93,6 +94,7 @@ class PlainStrings:
         if of is not None:
             self.observer.surprise.assign(*of)
         heat = driven.heat[:, None] * self.observer.share if self.by_voltage else None  # cells share it by their R_e
+        self.observer.reversible.flow(driven.current)
         return self.observer.step(driven.square, heat, driven.inlet, y, age, driven.flow)
 
     @property

@@ -30,17 +30,15 @@ from bms_gateway.thermal import (
     discretize,
     film,
 )
+from bms_gateway.thermal.entropy import ENTROPIC_SD, ENTROPIC_SLOPE_SD, KELVIN
 
 STEP_S = 8.0
 LEAST_SHARE, MOST_SHARE = 0.03, 0.95
 """Limits of the roll's share of R_c: a smaller share is one node, a larger one leaves no resistance to the casing."""
 ROLL_MEDIAN, ROLL_SPREAD = 2.0, 1.5
 """Logistic prior of the share: 0.14 in the middle, 0.04 to 0.70 within 2 sd."""
-KELVIN = 273.15
 LEAST_W = 0.05
 """Mean heat of a cell below which the shares of heat are not computed."""
-CAPACITY_AH = 8.0
-"""Capacity if the model has none: the slope of the entropy over the charge needs only its order of magnitude."""
 
 NAMES = (
     "heat_gain",  # of heat from voltage, by `HEAT_GAIN_SD`
@@ -220,8 +218,8 @@ def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floa
     reversible = u.current[:, None] * (T_c + KELVIN)
     over, cooled = T_s - T_f, film(p)
     core[:, :, 0] = HEAT_GAIN_SD * heat * (p.R_e / np.mean(p.R_e))
-    core[:, :, 1] = -0.25e-3 * reversible
-    core[:, :, 2] = -1e-3 * u.charge[:, None] * reversible
+    core[:, :, 1] = -ENTROPIC_SD * reversible
+    core[:, :, 2] = -ENTROPIC_SLOPE_SD * u.charge[:, None] * reversible
     core[:, :, 3] = 0.3 * ohmic * p.R_e * (rms * u.magnitude[:, None] - square)
     core[:, :, 4] = 0.15 * p.R_e * u.charging[:, None]
     core[:, :, 5] = -0.1 * (T_c - T_f) / (p.R_c + p.R_u)

@@ -88,12 +88,15 @@ class Posterior:
         Symmetric, positive semi-definite.
     heat : HeatGain or None
         Gain of heat from voltage, if the data contained such heat.
+    apart : Apart or None
+        The same for an observer that reckons with reversible heat; None if none was found.
     """
 
     names: tuple[str, ...]
     mean: Floats
     cov: Floats
     heat: "HeatGain | None" = None
+    apart: "Apart | None" = None
 
     def with_heat(self) -> tuple[tuple[str, ...], Floats]:
         """Return names and covariance, with the gain as `heat` at the end if there is one."""
@@ -101,6 +104,46 @@ class Posterior:
             return self.names, self.cov
         across = self.heat.cov[:-1, None]
         return (*self.names, "heat"), np.block([[self.cov, across], [across.T, self.heat.cov[-1:, None]]])
+
+    def for_observer(self, model: StringModel) -> tuple[dict[str, float | Floats], tuple[str, ...], Floats]:
+        """Values, names and covariance as the observer of a string takes them.
+
+        Where the model has effects, its observer knows no reversible heat but theirs: that of the windows is then left
+        in the parameters.
+        """
+        mine = self.apart if not model.effects else None
+        k = len(self.names)
+        numbers = string_parameters(model, self.names, self.mean if mine is None else mine.mean[:k])
+        values: dict[str, float | Floats] = {name: getattr(numbers, name) for name in self.names}
+        if self.heat is not None:
+            values["heat"] = self.heat.value
+        if mine is None:
+            return values, *self.with_heat()
+        beside = dict(zip(mine.names[k:], mine.mean[k:].tolist(), strict=True))
+        if "heat" in beside:
+            beside["heat"] = float(np.exp(beside["heat"]))
+        return {**values, **beside, "charge": mine.charge}, mine.names, mine.cov
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """Parameters and, not included in them, reversible heat.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Those of the posterior, `heat` if there is a gain, then `ENTROPIC`.
+    mean : ndarray (k,)
+        Logarithms; mV/K of reversible heat.
+    cov : ndarray (k, k)
+    charge : float
+        Moved until now since the charge at which the entropic coefficient is stated, as a share of the capacity.
+    """
+
+    names: tuple[str, ...]
+    mean: Floats
+    cov: Floats
+    charge: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,6 +41,7 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.identify.doubt import HOPELESS
+from bms_gateway.identify.for_observer import apart, effective
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.quadratic import Quadratic
 from bms_gateway.identify.window_evidence import Evidence
@@ -75,6 +76,8 @@ class Fit:
     mean, cov : ndarray (p + 1,), (p + 1, p + 1)
         Posterior of φ including the carried effects, and of the logarithm of the gain of heat from voltage; of both
         roots together if neither can be excluded.
+    apart : tuple of ndarray (p + 3,), (p + 3, p + 3)
+        The same with reversible heat as numbers of its own (`for_observer.apart`).
     end : ndarray (2n,)
         (T_s, e) at the end of the window.
     other_root : float
@@ -93,6 +96,7 @@ class Fit:
     mode: Floats
     mean: Floats
     cov: Floats
+    apart: tuple[Floats, Floats]
     end: Floats
     other_root: float
     walk: float
@@ -194,10 +198,11 @@ def _fitted(job: WindowJob) -> Fit:
     v = np.zeros(len(told.pull))
     v[p : problem.P] = point.xi[:V]
     grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
-    mean, cov = problem.effective(mean, cov)
+    own = apart(problem, mean, cov)
+    mean, cov = effective(problem, mean, cov)
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z),
-        point.phi, mean, cov, point.end, other, sizes.walk, sizes.white, sizes.slow,
+        point.phi, mean, cov, own, point.end, other, sizes.walk, sizes.white, sizes.slow,
         sizes.tau, rms, doubt,
     )  # fmt: skip
 

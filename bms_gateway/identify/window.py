@@ -25,6 +25,8 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
+from bms_gateway.identify.entropic_charge import EntropicCharge
+from bms_gateway.identify.for_observer import ENTROPIC_AT
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import Fit, Root, WindowJob
 from bms_gateway.identify.ticks import Ticks, before_full
@@ -34,6 +36,7 @@ from bms_gateway.identify.window_now import WindowNow
 from bms_gateway.identify.window_problem import MODEL_SD, WALK_S
 from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats, Prior, StringModel
+from bms_gateway.thermal.entropy import CAPACITY_AH, PRIOR_SD
 
 CLOGGED = 0.05
 """ln: sd of the change of R_u since a fit in the model file, like `GROWN` for R_e. With the fit's own sd alone, changes
@@ -142,6 +145,7 @@ class WindowIdentifier:
         self._from_voltage = False
         self._out: Literal["", "window", "look"] = ""
         self._end: Floats | None = None
+        self._entropy = EntropicCharge(3600.0 * (model.capacity_Ah or CAPACITY_AH))
         self.now = WindowNow()
 
     def add(self, tick: Tick) -> WindowJob | None:
@@ -153,6 +157,7 @@ class WindowIdentifier:
             A job if a window is full, or if a gap ends a window that is long enough.
         """
         job = None
+        self._entropy.add(tick.current, min(tick.dt, GAP_S))
         if tick.dt > GAP_S or self.now.steps_otherwise(tick.dt):
             job = self._close()
         taken = self.now.append(tick)
@@ -177,6 +182,7 @@ class WindowIdentifier:
 
     def take(self, ticks: Ticks) -> None:
         """Include regular ticks, no more than `patience` allows; the same as adding them one by one."""
+        self._entropy.take(ticks)
         self.now.extend(ticks)
 
     def finish(self) -> WindowJob | None:
@@ -214,10 +220,13 @@ class WindowIdentifier:
         if R_u * float(np.mean(window.square * R_e + np.abs(window.heat))) < self._settings.least_rise:
             return None
         self._from_voltage = measured > 0.5
+        apart = self._entropy.ask(window.current, window.dt)
         evidence = self._evidence
         if self._windows:
             part = np.sqrt(now.length_s / WALK_S)
             p, V = len(self._names), len(CARRIED)
+            level, slope = (p + ENTROPIC_AT).tolist()
+            evidence = evidence.at_charge(apart, (level, slope))
             steps = np.full(2 + V, CARRIED_DRIFT) * part
             steps[:2] = max(self._walk, 0.01) * part, self._settings.cooling_drift * part
             along = np.zeros((len(evidence.grad), 2 + V))
@@ -239,10 +248,8 @@ class WindowIdentifier:
         """Use the result of the last job."""
         p = len(self._names)
         looked, self._out = self._out == "look", ""
-        mean, cov = result.mean, result.cov
-        if self._shown > 0.0:
-            known, known_sd = np.append(self._prior_mean, 0.0), np.append(self._prior_sd, HEAT_GAIN_SD)
-            mean, cov = as_shown(mean, cov, known, known_sd, R_C, self._shown)
+        mean, cov = self._as_shown(result.mean, result.cov)
+        self._entropy.answer(*self._as_shown(*result.apart), looked=looked)
         self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt)
         if looked:
             return
@@ -252,12 +259,21 @@ class WindowIdentifier:
         self._end = result.end
         self._windows += 1
 
+    def _as_shown(self, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
+        """Reduce what a fit says of a cell of unknown size; see `unsized`."""
+        if not self._shown > 0.0:
+            return mean, cov
+        beside = (HEAT_GAIN_SD, *PRIOR_SD)[: len(mean) - len(self._names)]
+        known, known_sd = np.append(self._prior_mean, np.zeros(len(beside))), np.append(self._prior_sd, beside)
+        return as_shown(mean, cov, known, known_sd, R_C, self._shown)
+
     def posterior(self) -> Posterior:
         """Gaussian over the logarithms; the prior until the first result."""
         told, heat = self._told, None
         if self._from_voltage and told.gain_cov[-1] > 0.0:
             heat = HeatGain(float(np.exp(told.gain)), told.gain_cov)
-        return Posterior(self._names, told.mean, told.cov, heat)
+        apart = self._entropy.numbers(self._names, gain=heat is not None)
+        return Posterior(self._names, told.mean, told.cov, heat, apart)
 
     def estimates(self) -> tuple[Estimate, ...]:
         """Every parameter with sd and status."""
@@ -326,6 +342,7 @@ class WindowIdentifier:
             "gain": told.gain,
             "gain_cov": told.gain_cov.tolist(),
             "doubt": told.doubt,
+            "entropy": self._entropy.snapshot(),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -346,6 +363,10 @@ class WindowIdentifier:
         vectors = {k: np.array(state[k], dtype=np.float64) for k in shapes}
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
+        try:
+            self._entropy = self._entropy.restored(state.get("entropy"), p + 1 + len(PRIOR_SD))
+        except (KeyError, TypeError, ValueError) as e:
+            raise StateError("identified parameters: the stored state is damaged; starting anew") from e
         self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
         self._guess = vectors["guess"]
         self._told = _Told(

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal.entropy import ENTROPIC_SD, ENTROPIC_SLOPE_SD
 
 UNLIKE = ("R_e", "R_u", "R_c")
 """Parameters that differ from cell to cell."""
@@ -47,6 +48,21 @@ class Evidence:
     def none(cls, p: int, c: int = 0) -> "Evidence":
         """Create evidence without data."""
         return cls(np.zeros(p), np.zeros((p + c, p + c)), np.zeros(p + c))
+
+    def at_charge(self, moved: float, places: tuple[int, int]) -> "Evidence":
+        """State the level of the entropic coefficient after a charge has moved.
+
+        Parameters
+        ----------
+        moved : float
+            Charge over the capacity.
+        places : (int, int)
+            Of the level's and the slope's coefficients in δ.
+        """
+        level, slope = places
+        turn = np.eye(len(self.grad))
+        turn[level, slope] = -moved * ENTROPIC_SLOPE_SD / ENTROPIC_SD
+        return Evidence(self.z0, turn.T @ self.info @ turn, turn.T @ self.grad)
 
     def forget(self, directions: Floats, sd: Floats) -> "Evidence":
         """Marginalise a random step of `sd` (r,) along `directions` (p + c, r): exact, also where info is singular."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
+from bms_gateway.identify.carried import NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
 from bms_gateway.identify.contract import string_parameters
 from bms_gateway.identify.descent import Pace, Patience, descend
 from bms_gateway.identify.doubt import noise_factor, sound_sd
-from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
+from bms_gateway.identify.identifiable import R_C, R_U, lumped, lumped_jacobian
 from bms_gateway.identify.inlet_noise import Sight, inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.quadratic import Quadratic
@@ -22,6 +22,7 @@ from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
 from bms_gateway.identify.window_means import Means, Sought
 from bms_gateway.identify.window_start import FRESH, first_start, start_information, start_map, swing_information
 from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal.entropy import CAPACITY_AH
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: with a broad likelihood, distant starts reach the optimum
@@ -33,9 +34,6 @@ MODEL_SD = 0.14
 """K·√s, white: no model of a cell is more exact, with any sensor. Determined on real cells: core 3 K off with 0.01; 0.4
 loses the slow time constant."""
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the earlier window ended there
-MOST_SHARE = 0.5
-"""Largest share of a window's heat that one unit of a carried effect may have: above, the window has hardly any
-heat."""
 V = len(NAMES)
 """Carried effects."""
 STEEP = 1.5  # largest step of a logarithm in one iteration
@@ -218,29 +216,6 @@ class Problem:
         x0 = E @ xi[V : V + self.N] + c
         self.effects = columns(p, self.course, x0, R.surface[0], self.means.sensed, self.inputs.dt).times(self.size)
         self.carried = self.means.read(self.effects.readings)
-
-    def effective(self, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
-        """Include the carried effects' heat and cooling in the numbers for an observer without these effects.
-
-        Parameters
-        ----------
-        mean, cov : ndarray (P,), (P, P)
-            Of (φ, v).
-
-        Returns
-        -------
-        ndarray (p + 1,), ndarray (p + 1, p + 1)
-            Of φ and of the logarithm of the gain of heat from voltage; 0 without such heat.
-        """
-        A = np.zeros((self.p + 1, self.P))
-        A[: self.p, : self.p] = np.eye(self.p)
-        A[self.p if np.any(self.inputs.heat != 0.0) else R_E, self.p :] = np.clip(
-            self.effects.shares[0], -MOST_SHARE, MOST_SHARE
-        )
-        A[R_U, self.p :] = np.clip(self.effects.shares[1], -MOST_SHARE, MOST_SHARE)
-        fixed = np.setdiff1d(np.arange(self.p), self.sought.free)
-        A[fixed, self.p :] = 0.0
-        return A @ mean, A @ cov @ A.T
 
     def roll(self, xi: Floats, more: float = 0.0) -> float:
         """Share of R_c within the jelly roll, with `more` added to its coefficient."""

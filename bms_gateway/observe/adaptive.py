@@ -19,7 +19,7 @@ import numpy as np
 
 from bms_gateway.errors import OtherStatesError, StateError
 from bms_gateway.observe.bands import Bands, Deviations, Levers
-from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
+from bms_gateway.observe.blocks import BLOCK, Blocks, Heat, chosen
 from bms_gateway.observe.cell_scatter import apart_by, own_rise, root
 from bms_gateway.observe.consider import Belief
 from bms_gateway.observe.covariance_steps import EVERY
@@ -29,7 +29,8 @@ from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
 from bms_gateway.observe.in_force import Heard, InForce
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
-from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
+from bms_gateway.observe.reversible import Reversible, with_reversible
+from bms_gateway.observe.sensitivity import ENTROPIC_AT, PARAMETERS, SYMBOLS, Flows, bridged, carried, corrected
 from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
@@ -51,6 +52,11 @@ class AdaptiveObserver:
         Whether a reading may belong to one of several cells; `surprise.assign` then says to which.
     heat_rel_sd : float
         Relative error of heat that is measured instead of computed as I²R_e.
+
+    Attributes
+    ----------
+    reversible : Reversible
+        `reversible.flow` tells the current of the coming step; without it, the step has no reversible heat.
 
     References
     ----------
@@ -89,7 +95,7 @@ class AdaptiveObserver:
             fitted[s, : len(m.sensors)] = True
         in_force = self._of.strings()
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
-        self._flows = Flows.of(in_force)
+        self._flows, self.reversible = Flows.of(in_force), Reversible(models, dt)
         self._bands = Bands(models, sensors, fitted)
         self.surprise = surprise_of(in_force, sensors, dt, disturbance.sensor, several)
         self._bands.pace(self._of.parameters, self._dt)
@@ -147,7 +153,7 @@ class AdaptiveObserver:
             if len(moved):
                 self._exchange(moved)
         self._begin(inlet, y)
-        electric, given, known_heat = self._heat(I2, heat)
+        made, known_heat = self._heat(I2, heat)
         known = self._all_known
         if not (known_heat.all() and np.isfinite(inlet).all()):
             known = np.column_stack((np.isfinite(inlet), known_heat))
@@ -157,22 +163,22 @@ class AdaptiveObserver:
             self._turn(news, known, inlet1)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp that starts from a held value
-        predicted = self._kalman.predict(
-            self._state, electric if given is None else electric + given, inlet0, inlet1, known
-        )
+        core = self._state.x[:, 0 : 2 * self._of.cells : 2]
+        whole = self.reversible.added_to(made.whole, made.amps, core)
+        predicted = self._kalman.predict(self._state, whole, inlet0, inlet1, known)
         state, innovation = self._kalman.update(predicted, y, age)
         self._state, self._inlet = state, inlet1
         surface = y.take(self._kalman.cell)
-        grown = self.surprise.step(surface, innovation.value, innovation.sd, self._heard.sd, known, inlet1)
+        grown = self.surprise.step(surface, innovation.value, innovation.sd, self._heard.firm, known, inlet1)
         if grown is not None:
             self._state, self._left = self._kalman.loosened(self._state, grown), 0
         if self._left > 0 and state.K is predicted.before.K:
             self._left -= 1
-            self._blocks.wait(predicted, given)
+            self._blocks.wait(predicted, made)
             if not self._heard.fresh:
                 self._heard.take(np.isfinite(innovation.value), self._dt)
         else:
-            self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
+            self._feel(predicted, innovation, made, (inlet0 + inlet1) / 2.0)
         levers = self._levers()
         self._bands.follow(levers)
         sd = self._bands.told(levers, None if self._everyone else self._available)
@@ -192,9 +198,7 @@ class AdaptiveObserver:
             x[s], P[s], J[s] = b.z, b.P, b.J
         self._state = replace(state, x=x, P=P)
 
-    def _feel(
-        self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
-    ) -> None:
+    def _feel(self, step: Predicted, innovation: Innovation, made: Heat, inlet: Floats) -> None:
         """Add a step to the sensitivities, make the steps that need not wait, and update the bands of their strings."""
         self._heard.take(np.isfinite(innovation.value), self._dt)
         self._heard.fresh = bool((self._heard.unread == 0.0).all())
@@ -205,16 +209,18 @@ class AdaptiveObserver:
         if len(at):
             J0 = blocks.caught_up(at, self._flows, kalman, step.before)
             middle = (chosen(step.before.x, at) + chosen(step.x, at)) / 2.0
-            heat = np.zeros((len(at), self._of.cells)) if given is None else chosen(given, at)
-            forcing = self._flows.of_strings(at).forcing(middle, chosen(electric, at), heat, chosen(inlet, at))
+            given = np.zeros((len(at), self._of.cells)) if made.given is None else chosen(made.given, at)
+            heats = chosen(made.electric, at), given, chosen(inlet, at)
+            amps = None if made.amps is None else chosen(made.amps, at)
+            forcing = self._flows.of_strings(at).forcing(middle, *heats, amps)
             J = carried(J0, chosen(kalman.model.A, at), forcing, self._dt)
             J, seen = corrected(J, J0, chosen(state.K, at), chosen(kalman.sensors, at), chosen(innovation.lag, at))
             self._bands.know(at, state.P, J, self._of.root, seen)
-        blocks.wait(step, given)
+        blocks.wait(step, made)
         blocks.put(at, J)
         blocks.forget(np.flatnonzero(moved), state)
         self._left = BLOCK - int(blocks.waiting.max())
-        self._heard.sd = self._bands.of_readings(innovation.sd)
+        self._heard.sd, self._heard.firm = self._bands.of_readings(innovation.sd)
 
     def estimate(self) -> Estimate:
         """Return the present state of the strings, with no innovation; nothing changes."""
@@ -227,7 +233,8 @@ class AdaptiveObserver:
         """Return all that a forecast starts from; the bands do not yet contain the steps that wait (`blocks`)."""
         now = self._state.x, self._state.P, self._blocks.J.copy(), self._of.root, self.parameters, self._of.level
         own = self._of.gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
-        return Standing(*now, *own, self._available, self._kalman.model.disturbance)
+        reversible = self.reversible.value, self.reversible.charge
+        return Standing(*now, *own, self._available, self._kalman.model.disturbance, *reversible)
 
     def set_parameters(
         self,
@@ -244,11 +251,11 @@ class AdaptiveObserver:
         s : int
         values : mapping of symbol to value
             SI, at nominal flow, one for all cells or one per cell; a symbol that is not named keeps its value. `heat`
-            is the factor on measured heat.
+            is the factor on measured heat; for reversible heat see `Reversible.exchange`.
         names : sequence of str
             Symbols of `PARAMETERS` to which the covariance belongs.
         covariance : ndarray (p, p)
-            Of the logarithms. Other parameters keep their variance, uncorrelated with these.
+            Of the logarithms, mV/K for reversible heat. Other parameters keep their variance, uncorrelated with these.
         own : ndarray (n, 3, 3), optional
             Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells; None for the model's
             tolerances.
@@ -262,6 +269,8 @@ class AdaptiveObserver:
         gain = float(values.get("heat", self._of.gain[s]))
         moved, apart = apart_by(old, new, gain / self._of.gain[s])
         rise, over, gap = self._levers()[:3, s]
+        self._catch_up(np.array([s]))
+        moved[ENTROPIC_AT:] = self.reversible.exchange(s, values, self._blocks.J[s, :, ENTROPIC_AT:])
         self._of.exchange(s, new, gain, names, covariance)
         self._exchange(np.array([s]))
         self.surprise.settle(s)
@@ -333,10 +342,11 @@ class AdaptiveObserver:
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(value) for name, value in self._kept().items()} | self._usual.snapshot()
+        own |= self.reversible.snapshot()
         own["J"] = plain(self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state))
         block = self._blocks.snapshot() | self._bands.snapshot()
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
-        values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._of.parameters]
+        values = [{k: plain(np.asarray(getattr(p, k))) for k in SYMBOLS} for p in self._of.parameters]
         cells = plain(self._bands.own) if self._bands.owned else None
         found = {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
         return found | {"surprise": self.surprise.snapshot()}
@@ -356,7 +366,10 @@ class AdaptiveObserver:
             states = self._state.x.shape[1]
             if (*x, x[-1]) == P and x[-1] != states:  # if x and P disagree, it is corrupt, not of another form
                 raise OtherStatesError(f"observer state: a string has {x[-1]} states in it, and {states} here")
+            snapshot = with_reversible(snapshot, len(self._inlet), len(PARAMETERS))
             stored = {"gain": np.ones(len(self._inlet)).tolist(), **snapshot["own"]}  # older states have no gain
+            reversible = Reversible(self._of.models, self._dt)
+            reversible.restore(stored)
             own = {k: like(stored[k], value) for k, value in self._kept().items()}
             usual = self._usual.restored(snapshot["own"])
             names = [f.name for f in fields(KalmanState)]
@@ -387,7 +400,7 @@ class AdaptiveObserver:
             raise StateError("observer state: holds values that are not numbers")
         self._of.restore(parameters, own["level"], own["cov"], own["gain"])
         self._inlet, self._available = own["inlet"], own["available"]
-        self._heard.unread, self._heard.fresh = own["unread"], False
+        self._heard.unread, self._heard.fresh, self.reversible = own["unread"], False, reversible
         self._state, self._usual, self.surprise = state, usual, surprise
         bands.own, bands.owned = owned, cells is not None
         self._blocks, self._bands = blocks, bands
@@ -422,8 +435,8 @@ class AdaptiveObserver:
         self._available[new] = True
         self._everyone, self._left = bool(self._available.all()), 0
 
-    def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Floats, Floats | None, Bools]:
-        """Return heat by I²R_e (by the usual heat if unknown), heat by voltage, and which strings' heat is known."""
+    def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Heat, Bools]:
+        """Return the heat, the usual one if it is unknown, and which strings' heat is known."""
         electric = I2[:, None] * self._of.R_e
         given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
@@ -433,9 +446,9 @@ class AdaptiveObserver:
         every = bool(known.all())
         if not every:
             electric = np.where(np.isfinite(electric), electric, self._usual.mean)
-        whole = electric if given is None else electric + given
-        self._usual = self._usual.after(whole, self._share_of_usual, every or known[:, None])
-        return electric, given, known
+        made = Heat(electric, given, self.reversible.pass_step())
+        self._usual = self._usual.after(made.whole, self._share_of_usual, every or known[:, None])
+        return made, known
 
     def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
@@ -450,7 +463,7 @@ class AdaptiveObserver:
         self._blocks.forget(at)
         in_force = [self._of.string(int(s)) for s in at]
         self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
-        self._flows = self._flows.exchanged(at, Flows.of(in_force))
+        self._flows = self._flows.exchanged(at, Flows.of(in_force, self.reversible.value[at]))
         self._bands.pace(self._of.parameters, self._dt)
         self.surprise.set_parameters(self._of.parameters)
 

@@ -18,7 +18,7 @@ from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.blocks import chosen
 from bms_gateway.observe.cell_scatter import as_tolerated, between_cells, of_centre, scatter, weights
 from bms_gateway.observe.model import Bools, Ints
-from bms_gateway.observe.sensitivity import Flows
+from bms_gateway.observe.sensitivity import ENTROPIC_AT, Flows
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
@@ -63,7 +63,8 @@ class Bands:
         self._alike = self._weights[0] if (self._weights == self._weights[0]).all() else None
         self.lag, self._tau, self._pace = np.zeros((S, n)), np.zeros((S, n)), np.ones((S, n))
         # of cores, surfaces, centres: part of the filter, the parameters and the thermocouples' offsets; of readings
-        self._still, self._more = np.zeros((3, S, n)), np.zeros(sensors.shape)
+        self._still = np.zeros((3, S, n))
+        self._more, self._firm = np.zeros((2, *sensors.shape))  # with and without reversible heat
         self._over: tuple[Floats, Floats] | None = None
         self._places = (np.arange(S)[:, None] * n + sensors)[fitted]
         self._fitted = None if fitted.all() else fitted
@@ -79,7 +80,9 @@ class Bands:
     def know(self, at: Ints, P: Floats, J: Floats, root: Floats, seen: Floats) -> None:
         """Update the filter's and the parameters' parts of the strings `at`; `seen`: sensitivities of readings."""
         self._still[:, at] = self._known(at, P, J, root)
-        self._more[at] = _squares(np.matmul(seen, chosen(root, at)))
+        roots = chosen(root, at)
+        self._more[at] = _squares(np.matmul(seen, roots))
+        self._firm[at] = _squares(np.matmul(seen[..., :ENTROPIC_AT], roots[:, :ENTROPIC_AT]))
 
     def rest_on(self, flows: Flows, sensors: Ints, read: Bools) -> None:
         """Choose the base of the levers: the coolant, or the cell's own surface where `read` (S, m) is true.
@@ -140,9 +143,10 @@ class Bands:
         """Return the standard deviations for other covariances and sensitivities of all strings; nothing changes."""
         return self._sds(self._known(np.arange(self._shape[0]), P, J, root), levers, available)
 
-    def of_readings(self, sd: Floats) -> Floats:
-        """Add the part of the parameters to the standard deviations of readings (S, m)."""
-        return np.asarray(np.sqrt(np.square(sd) + self._more), dtype=np.float64)
+    def of_readings(self, sd: Floats) -> tuple[Floats, Floats]:
+        """Add the parameters' part to the sd of readings (S, m): with and without reversible heat."""
+        var = np.square(sd)
+        return np.sqrt(var + self._more), np.sqrt(var + self._firm)
 
     def on_cells(self, values: Floats) -> Floats:
         """Give values (S, m) of the sensors to their cells (S, n); NaN for cells without one."""
@@ -158,7 +162,7 @@ class Bands:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the last results, as numbers and lists."""
-        return {"more": plain(self._more), "lag": plain(self.lag)}
+        return {"more": plain(self._more), "firm": plain(self._firm), "lag": plain(self.lag)}
 
     def restore(self, snapshot: dict[str, Any], P: Floats, J: Floats, root: Floats) -> None:
         """Restore a snapshot of as many strings of this length; states of older versions have no lag.
@@ -169,6 +173,7 @@ class Bands:
             `snapshot` is not a snapshot of such bands.
         """
         self._more = like(snapshot["more"], self._more)
+        self._firm = like(snapshot.get("firm", snapshot["more"]), self._firm)
         if "lag" in snapshot:
             self.lag = like(snapshot["lag"], self.lag)
         self._still = self._known(np.arange(self._shape[0]), P, J, root)

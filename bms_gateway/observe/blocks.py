@@ -13,22 +13,47 @@ Beyond Lin et al., whose observer treats its parameters as exact.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bms_gateway.observe.covariance_steps import EVERY, LAG_STEPS
 from bms_gateway.observe.kalman import NONE, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints
+from bms_gateway.observe.reversible import reversible
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats
+from bms_gateway.thermal.entropy import ENTROPIC
 
 DOUBLINGS = 3
 BLOCK = 2 ** (DOUBLINGS + 1) - 1
 """Steps that may wait: far fewer than the time constants of a core, and enough to make them cheap. Together with the
 single step after them they are a power of two, like the strides of the covariance. At the end of a stride, no step
 waits."""
+
+
+class Heat(NamedTuple):
+    """What makes the heat of a step in S strings of n cells.
+
+    Attributes
+    ----------
+    electric : ndarray (S, n), W
+        From I²R_e.
+    given : ndarray (S, n) or None, W
+        Measured otherwise.
+    amps : ndarray (S, 2) or None, A
+        As of `Reversible.pass_step`.
+    """
+
+    electric: Floats
+    given: Floats | None
+    amps: Floats | None
+
+    @property
+    def whole(self) -> Floats:
+        """Heat (S, n), W, without the reversible one."""
+        return self.electric if self.given is None else self.electric + self.given
 
 
 class Blocks:
@@ -51,21 +76,23 @@ class Blocks:
         M, self._cells = states, cells
         self.J = np.zeros((strings, M, len(PARAMETERS)))
         self.waiting = np.zeros(strings, np.int64)
-        # sums over the steps that wait: states and inputs before each, states after it, heat that was measured
+        # sums over the steps that wait: states and inputs before each, states after it, measured heat, currents
         self._before, self._after = np.zeros((strings, M + cells + OFFSETS)), np.zeros((strings, M))
-        self._given = np.zeros((strings, cells))
+        self._given, self._amps = np.zeros((strings, cells)), np.zeros((strings, len(ENTROPIC)))
         # gains of the blocks, and for how many steps the pattern of readings had held when they were taken
         self._K, self._since = np.zeros((strings, M, sensors)), np.zeros(strings, np.int64)
         # E and V of a whole block, made when first used; not part of the snapshot
         self._made: Bools = np.zeros(strings, np.bool_)
         self._E, self._V = np.zeros((2, 0, M, M))
 
-    def wait(self, step: Predicted, given: Floats | None) -> None:
+    def wait(self, step: Predicted, heat: Heat) -> None:
         """Add one more waiting step to all strings."""
         self._before += step.u
         self._after += step.x
-        if given is not None:
-            self._given += given
+        if heat.given is not None:
+            self._given += heat.given
+        if heat.amps is not None:
+            self._amps += heat.amps
         self.waiting += 1
 
     def forget(self, at: Ints, state: KalmanState | None = None) -> None:
@@ -84,7 +111,7 @@ class Blocks:
         """Set the sensitivities of the strings `at`, with no step waiting."""
         self.J[at] = J
         self.waiting[at] = 0
-        for total in (self._before, self._after, self._given):
+        for total in (self._before, self._after, self._given, self._amps):
             total[at] = 0.0
 
     def caught_up(self, at: Ints, flows: Flows, kalman: Kalman, state: KalmanState) -> Floats:
@@ -121,9 +148,9 @@ class Blocks:
         M, n = self._after.shape[1], self._cells
         share = 1.0 / self.waiting[at][:, None]
         before, after, given = self._before[at] * share, self._after[at] * share, self._given[at] * share
-        inlet = (before[:, -2] + before[:, -1]) / 2.0
-        electric = before[:, M : M + n] - given
-        return flows.of_strings(at).forcing((before[:, :M] + after) / 2.0, electric, given, inlet)
+        inlet, amps, mine = (before[:, -2] + before[:, -1]) / 2.0, self._amps[at] * share, flows.of_strings(at)
+        electric = before[:, M : M + n] - given - reversible(mine.entropic, amps, before[:, 0 : 2 * n : 2])
+        return mine.forcing((before[:, :M] + after) / 2.0, electric, given, inlet, amps)
 
     def _block(self, at: Ints, kalman: Kalman, state: KalmanState) -> tuple[Floats, Floats]:
         if not len(self._E):
@@ -166,7 +193,7 @@ def _lag(state: KalmanState, at: Ints) -> Floats:
     return np.asarray(np.where(quarter == NONE, 0, quarter) / LAG_STEPS, dtype=np.float64)
 
 
-_KEPT = ("J", "waiting", "_before", "_after", "_given", "_K", "_since")
+_KEPT = ("J", "waiting", "_before", "_after", "_given", "_amps", "_K", "_since")
 
 
 def _doubled(at: Ints, kalman: Kalman, state: KalmanState, gain: Floats) -> tuple[Floats, Floats]:

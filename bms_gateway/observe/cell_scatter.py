@@ -5,8 +5,9 @@ Beyond Lin et al., whose observer treats its parameters as exact.
 
 import numpy as np
 
-from bms_gateway.observe.sensitivity import PARAMETERS
+from bms_gateway.observe.sensitivity import HEAT_AT, PARAMETERS, SYMBOLS
 from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal.entropy import PRIOR_SD
 
 
 def scatter(model: StringModel) -> Floats:
@@ -36,13 +37,13 @@ def apart_by(old: StringParameters, new: StringParameters, gain: float) -> tuple
     Returns
     -------
     moved : ndarray (p,)
-        Of `PARAMETERS`, mean of the cells.
+        Of `PARAMETERS`, mean of the cells; 0 for reversible heat.
     apart : dict of str to ndarray (n,)
         By symbol, the change of each cell beyond that mean.
     """
     moved, apart = np.zeros(len(PARAMETERS)), {}
-    moved[-1] = np.log(gain)
-    for j, name in enumerate(PARAMETERS[:-1]):
+    moved[HEAT_AT] = np.log(gain)
+    for j, name in enumerate(SYMBOLS):
         a, b = np.asarray(getattr(old, name)), np.asarray(getattr(new, name))
         if np.isfinite(a).all():
             ln = np.log(b / a)
@@ -80,9 +81,9 @@ def exchanged(covariance: Floats, at: list[int], block: Floats) -> Floats:
 
 
 def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
-    """Covariance of the logarithms of `PARAMETERS` before any identification."""
-    sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
-    return np.diag(np.square([*sd, heat_rel_sd]))
+    """Covariance of the logarithms of `PARAMETERS`, and of reversible heat, before any identification."""
+    sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in SYMBOLS]
+    return np.diag(np.square([*sd, heat_rel_sd, *PRIOR_SD]))
 
 
 def weights(tolerated: Floats, phi: Floats, phi_sd: Floats) -> Floats:

@@ -5,6 +5,8 @@ Beyond Lin et al., whose observer estimates only the present.
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
@@ -33,6 +35,9 @@ class Standing:
     unlike : Unlike
     available : ndarray of bool (S,)
     disturbance : Disturbance
+    entropic : ndarray (S, 2), mV/K
+    charge : ndarray (S,)
+        Coefficients of reversible heat, and the charge since their reference (`reversible`); 0 with effects.
     """
 
     x: Floats
@@ -47,6 +52,15 @@ class Standing:
     unlike: Unlike
     available: Bools
     disturbance: Disturbance
+    entropic: Floats
+    charge: Floats
+
+    def amps(self, current: Floats) -> Floats:
+        """Return I and I s (…, S, 2), A, of reversible heat under currents (…, S), as of `Reversible.pass_step`.
+
+        In ten minutes the charge changes by little against what is known of the slope over it.
+        """
+        return np.stack((current, current * self.charge), axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +80,7 @@ class Coming:
     doubt : ndarray (S, 1)
         Share of the difference core to surface that may be wrong in addition.
     current : ndarray (S,), A
-        Present mean; only its sign counts.
+        Present mean; its reversible heat is kept, else only its sign counts.
     """
 
     heat_per_square: Floats

@@ -104,14 +104,15 @@ class Heard:
     ----------
     unread : ndarray (S, m), s
         Time since the last reading of each sensor.
-    sd : ndarray (S, m), K
-        Of the newest readings, from what was known before them; NaN for none.
+    sd, firm : ndarray (S, m), K
+        Of the newest readings, from what was known before them; NaN for none. `firm` is without reversible heat.
     fresh : bool
         Whether all sensors were read in the newest step.
     """
 
     unread: Floats
     sd: Floats
+    firm: Floats
     fresh: bool = False
     _rested: bool = False  # whether the bands use the surfaces of all sensors
     _resting: bytes = b""  # sensors whose surfaces the bands use; empty: not known yet
@@ -119,7 +120,7 @@ class Heard:
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> "Heard":
         """Create the state of sensors (S, m) that were never read."""
-        return cls(np.full(shape, np.inf), np.full(shape, np.nan))
+        return cls(np.full(shape, np.inf), *np.full((2, *shape), np.nan))
 
     def take(self, read: Bools, dt: float) -> None:
         """Note which sensors were read in a step of `dt` seconds."""

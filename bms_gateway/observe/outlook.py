@@ -15,10 +15,12 @@ from bms_gateway.observe.ahead import AT_ENDS, ENDS, PATH, STEP_S, Ahead, Certai
 from bms_gateway.observe.flow import at_level
 from bms_gateway.observe.forecast_start import Coming, Profile, Standing
 from bms_gateway.observe.model import augmented, noise_intensity
-from bms_gateway.observe.sensitivity import PARAMETERS, Flows
+from bms_gateway.observe.reversible import reversible
+from bms_gateway.observe.sensitivity import ENTROPIC_AT, PARAMETERS, Flows
 from bms_gateway.observe.transitions import SEGMENTS, Reach, course
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
 from bms_gateway.thermal.centre import followed, time_constant
+from bms_gateway.thermal.entropy import PER_MV
 
 PARTS = len(SEGMENTS)
 FARTHEST = 5.0
@@ -61,7 +63,9 @@ class Outlook:
         """
         m, x = self._follow(s), _shifted(s, coming)
         R, n, M = m.reach, s.lag.shape[1], s.x.shape[1]
-        path = np.matmul(R.path, _inputs(x, coming.heat, s.inlet)[:, None, :, None])[..., 0]
+        amps = s.amps(coming.current)
+        heat = coming.heat + reversible(s.entropic, amps, x[:, 0 : 2 * n : 2])
+        path = np.matmul(R.path, _inputs(x, heat, s.inlet)[:, None, :, None])[..., 0]
         still = course(path, x, s.lag, R.by_path, R.by_now)
         c = self._heat_per_square(m, s, coming)
         load = Course(*(c * a for a in (m.response.core, m.response.surface, m.response.lag)))
@@ -73,9 +77,12 @@ class Outlook:
             mids = [
                 _middles(np.concatenate((a[:, None], b), axis=1)[:, ends]) for a, b in ((x, path), (nothing, later))
             ]
-            F0 = _forcing(m.flows, mids[0], np.zeros_like(unit), coming.heat, s.inlet)
+            flows = _entropic(m.flows, s)
+            F0 = _forcing(flows, mids[0], (np.zeros_like(unit), coming.heat), s.inlet, np.repeat(amps, PARTS, axis=0))
             electric, measured = np.where(given, 0.0, unit), np.where(given, unit, 0.0)
-            F1 = _forcing(m.flows, mids[1], electric, measured, np.zeros_like(s.inlet))
+            F1 = _forcing(m.flows, mids[1], (electric, measured), np.zeros_like(s.inlet))
+            warmer = mids[1][:, :, 0 : 2 * n : 2] / m.flows.C_c.reshape(-1, PARTS, n)
+            F1[:, :, 0 : 2 * n : 2, ENTROPIC_AT:] = -PER_MV * warmer[..., None] * amps[:, None, None]
             spread = self._spread(m, s, coming, np.concatenate((F0, F1), axis=-1))
             known = certainty(still, load, spread, replace(s.unlike, doubt=coming.doubt))
         return _told(Ahead(still, load, known, s.unlike.phi), s)
@@ -94,8 +101,9 @@ class Outlook:
         R, x, lag = m.reach, _shifted(s, coming), s.lag
         c = self._heat_per_square(m, s, coming) * m.share
         states, lags, one = [x], [lag], R.path[:, 0]
-        for square, inlet in zip(profile.square[: ENDS[-1]], profile.inlet, strict=False):
-            heat = coming.heat + square[:, None] * c
+        amps = s.amps(np.nan_to_num(profile.current))
+        for square, inlet, now in zip(profile.square[: ENDS[-1]], profile.inlet, amps, strict=False):
+            heat = coming.heat + square[:, None] * c + reversible(s.entropic, now, x[:, 0 : 2 * n : 2])
             x = np.matmul(one, _inputs(x, heat, inlet)[:, :, None])[:, :, 0]
             gap = ((x + states[-1]) / 2.0)[:, : 2 * n]
             lag = lag + followed(STEP_S, m.tau) * (gap[:, 0::2] - gap[:, 1::2] - lag)
@@ -113,7 +121,9 @@ class Outlook:
         )
         heat = square[:, :, None] * c[:, None]
         electric, measured = np.where(given, 0.0, heat), np.where(given, heat, 0.0)
-        forcing = _forcing(m.flows, middle, electric, coming.heat[:, None] + measured, inlet)
+        of_parts = np.stack([amps[a:b].mean(axis=0) for a, b in SEGMENTS], axis=1).reshape(-1, amps.shape[-1])
+        made = electric, coming.heat[:, None] + measured
+        forcing = _forcing(_entropic(m.flows, s), middle, made, inlet, of_parts)
         spread = self._spread(m, s, coming, np.concatenate((forcing, np.zeros_like(forcing)), axis=-1))
         known = certainty(still, nothing, spread, replace(s.unlike, doubt=coming.doubt))
         return _told(Ahead(still, nothing, known, s.unlike.phi), s)
@@ -204,12 +214,22 @@ def _middles(x: Floats) -> Floats:
     return np.asarray((x[:, 1:] + x[:, :-1]) / 2.0, dtype=np.float64)
 
 
-def _forcing(flows: Flows, middle: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
-    """Return the forcing (S, PARTS, M, p) of sensitivities at the states `middle`, for constant heat and inlet."""
+def _entropic(flows: Flows, s: Standing) -> Flows:
+    """Give the coefficients of reversible heat to flows of all parts."""
+    return replace(flows, entropic=np.repeat(s.entropic, PARTS, axis=0))
+
+
+def _forcing(
+    flows: Flows, middle: Floats, made: tuple[Floats, Floats], inlet: Floats, amps: Floats | None = None
+) -> Floats:
+    """Return the forcing (S, PARTS, M, p) of sensitivities at the states `middle`, for constant heat and inlet.
+
+    `made` is the heat from I²R_e and that which is measured otherwise; `amps` (S PARTS, 2) makes reversible heat.
+    """
     (S, parts, M), n = middle.shape, flows.C_c.shape[1]
-    heat, known = ((np.repeat(a, parts, axis=0) if a.ndim == 2 else a).reshape(-1, n) for a in (electric, given))
+    heat, known = ((np.repeat(a, parts, axis=0) if a.ndim == 2 else a).reshape(-1, n) for a in made)
     at = (np.repeat(inlet, parts) if inlet.ndim == 1 else inlet).reshape(-1)
-    return flows.forcing(middle.reshape(S * parts, M), heat, known, at).reshape(S, parts, M, len(PARAMETERS))
+    return flows.forcing(middle.reshape(S * parts, M), heat, known, at, amps).reshape(S, parts, M, len(PARAMETERS))
 
 
 def _told(ahead: Ahead, s: Standing) -> Ahead:

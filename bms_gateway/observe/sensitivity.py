@@ -18,10 +18,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bms_gateway.observe.model import OFFSETS, Ints, StackedModel, scaled, usable
+from bms_gateway.observe.reversible import per_ampere, reversible
 from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange, film
+from bms_gateway.thermal.entropy import ENTROPIC
 
-PARAMETERS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f", "heat")
-"""Columns of J, each common to the cells of a string. `heat` scales measured heat, which was not computed as I²R_e."""
+SYMBOLS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f")
+PARAMETERS = (*SYMBOLS, "heat", *ENTROPIC)
+"""Columns of J, each common to the cells of a string. `heat` scales measured heat, which was not computed as I²R_e. The
+last two are no logarithms (`reversible`)."""
+HEAT_AT, ENTROPIC_AT = len(SYMBOLS), len(SYMBOLS) + 1
 
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
@@ -44,6 +49,8 @@ class Flows:
         (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 if the stream does not warm up.
     by_R_u, by_C_f : ndarray (S, n)
         Relative slope of `film` by ln R_u and by ln C_f: −1 and 0 for the bulk node.
+    entropic : ndarray (S, 2), mV/K
+        Coefficients of reversible heat (`reversible`).
 
     References
     ----------
@@ -60,10 +67,11 @@ class Flows:
     de: Floats
     by_R_u: Floats
     by_C_f: Floats
+    entropic: Floats
 
     @classmethod
-    def of(cls, parameters: Sequence[StringParameters]) -> "Flows":
-        """Gather from strings of equal length."""
+    def of(cls, parameters: Sequence[StringParameters], entropic: Floats | None = None) -> "Flows":
+        """Gather from strings of equal length; without coefficients, their mean reversible heat is zero."""
         path = [coolant_path(p) for p in parameters]
         de = np.stack([_relative_slope(p) for p in parameters])
         warms = np.array([[bool(np.isfinite(p.C_f))] for p in parameters])
@@ -78,6 +86,7 @@ class Flows:
             de,
             np.where(warms, de, -1.0),
             np.where(warms, 1.0 + de, 0.0),
+            np.zeros((len(parameters), len(ENTROPIC))) if entropic is None else entropic,
         )
 
     def coolant(self, x: Floats, inlet: Floats) -> Floats:
@@ -85,8 +94,8 @@ class Flows:
         T_s, T_in = x[:, 1 : 2 * self.C_c.shape[1] : 2], inlet + x[:, -2]
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None], dtype=np.float64)
 
-    def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
-        """Rates of change by ln θ.
+    def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats, amps: Floats | None = None) -> Floats:
+        """Rates of change by ln θ, and by the coefficients of reversible heat.
 
         Parameters
         ----------
@@ -97,6 +106,8 @@ class Flows:
         given : ndarray (S, n), W
             Measured heat; 0 where heat is computed as I²R_e.
         inlet : ndarray (S,), °C
+        amps : ndarray (S, 2), A, optional
+            As of `Reversible.pass_step`; None: no reversible heat.
 
         Returns
         -------
@@ -116,6 +127,9 @@ class Flows:
         heat = electric + given + x[:, -1:]
         F = np.zeros((*x.shape, len(PARAMETERS)))
         core, surface = F[:, 0:N:2], F[:, 1:N:2]
+        if amps is not None:
+            heat = heat + reversible(self.entropic, amps, T_c)
+            core[:, :, ENTROPIC_AT:] = (per_ampere(T_c) / self.C_c)[:, :, None] * amps[:, None]
         core[:, :, 0] = (out - heat) / self.C_c
         surface[:, :, 1] = (cooled - out - conducted) / self.C_s
         if x.shape[1] > N + OFFSETS:
@@ -126,7 +140,7 @@ class Flows:
         surface[:, :, 4] = (warmed - self.by_R_u * cooled) / self.C_s
         surface[:, :, 5] = -conducted / self.C_s
         surface[:, :, 6] = (warmed - self.by_C_f * cooled) / self.C_s
-        core[:, :, 7] = given / self.C_c
+        core[:, :, HEAT_AT] = given / self.C_c
         return F
 
     def of_strings(self, at: Ints) -> "Flows":
@@ -191,7 +205,7 @@ def bridged(
     """
     J = np.matmul(over(parameters).A, J)
     still = np.zeros((len(x), len(parameters[0].R_e)))
-    for j, name in enumerate(PARAMETERS[:-1]):
+    for j, name in enumerate(SYMBOLS):
         up, down = (
             over([usable(scaled(p, name, f)) for p in parameters]).advance(x, still, inlet0, inlet1)
             for f in (np.exp(PROBE), np.exp(-PROBE))

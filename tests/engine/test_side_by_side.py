@@ -63,6 +63,7 @@ class Alone:
             effective, shift = self.observer.effective
             square = NAN if np.isnan(I2) else effective
         else:
+            self.observer.reversible.flow(np.array([I]))
             e = self.observer.step(
                 np.array([I2]), np.full((1, n), heat), np.array([inlet]), y[None], age[None], np.array([flow])
             )

@@ -96,6 +96,11 @@ def test_wide_priors_leave_a_wide_core_however_small_the_surface_residual():
     assert np.median(stacked(last, "core_sd")) > 5.0
 
 
+CAPACITY_AH = 8.0
+U = {"entropic": 0.2, "entropic_slope": -0.7}
+"""mV/K: coefficients of reversible heat."""
+
+
 def test_sensitivities_are_those_of_the_observer_with_its_gain():
     """Two runs with one parameter scaled, both corrected by the gains of the nominal one."""
     n, seconds = 3, 400
@@ -106,21 +111,28 @@ def test_sensitivities_are_those_of_the_observer_with_its_gain():
     given = np.full((seconds + 1, 1, n), NAN)
     given[:, :, 1] = rng.uniform(5, 15, (seconds + 1, 1))
     observer = AdaptiveObserver([model(n, (1, 3))], 1.0)
+    observer.set_parameters(0, U | {"charge": -0.1}, (), np.zeros((0, 0)))
     p = observer.parameters[0]
     now, gains = np.full((1, n), 0.4), []
     drive.I2[0] = drive.I2[1]
+    current = np.sqrt(drive.I2) * np.where(np.arange(seconds + 1) < 250, 0.8, -0.9)[:, None]
+    moved = -0.1 + np.cumsum(current, axis=0) / 3600 / CAPACITY_AH - current / 7200 / CAPACITY_AH  # in mid-step
     for k in range(seconds + 1):
+        observer.reversible.flow(current[k])
         observer.step(drive.I2[k], given[k], drive.inlet[k], drive.y[k], now)
         gains.append(observer.snapshot()["state"]["K"])
     J = np.array(observer.snapshot()["own"]["J"])[0]
 
     def run(name, factor):
-        q = p if name == "heat" else replace(p, **{name: getattr(p, name) * factor})
+        q = replace(p, **{name: getattr(p, name) * factor}) if hasattr(p, name) else p
+        u = U | ({name: U[name] + np.log(factor)} if name in U else {})
         m = stack([q], 1.0, Disturbance())
         x = np.append(np.full(2 * n, np.nanmean(drive.y[0])), [0.0, 0.0])[None]
         for k in range(seconds + 1):
             made = drive.I2[k][:, None] * q.R_e
             heat = np.where(np.isfinite(given[k]), given[k] * (factor if name == "heat" else 1.0), made)
+            coefficient = (u["entropic"] + u["entropic_slope"] * moved[k]) * 1e-3
+            heat = heat - current[k] * coefficient * (x[:, 0 : 2 * n : 2] + 273.15)
             before, x = x, m.advance(x, heat, drive.inlet[max(k - 1, 0)], drive.inlet[k])
             at = np.array([[0, 2]])
             r = drive.y[k][:, [0, 2]] - predicted_surface(x, before, at, np.full((1, 2), 0.4))

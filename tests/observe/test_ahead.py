@@ -60,7 +60,7 @@ def test_a_profile_ends_where_the_truth_does_and_a_steady_one_as_the_load(follow
     load = np.full((60, 1), LOAD)
     steady, plain = (
         outlook.under(standing, coming(1), Profile(load, load**2, inlet)),
-        outlook.ahead(standing, coming(1)),
+        outlook.ahead(standing, coming(1, current=load[0])),
     )
     square = np.array([LOAD**2])
     # between the instants of the path the gap is taken for straight: 0.02 K of the lag

@@ -1,0 +1,64 @@
+"""What the fit of a window found, in the numbers of an observer that carries no effects but reversible heat.
+
+Beyond Lin et al., Eq 1.
+"""
+
+import numpy as np
+
+from bms_gateway.identify.carried import NAMES
+from bms_gateway.identify.identifiable import R_E, R_U
+from bms_gateway.identify.window_problem import Problem
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.entropy import ENTROPIC, PRIOR_SD
+
+MOST_SHARE = 0.5
+"""Largest share of a window's heat that one unit of a carried effect may have: above, the window has hardly any
+heat."""
+ENTROPIC_AT = np.array([NAMES.index(name) for name in ENTROPIC])
+
+
+def effective(problem: Problem, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
+    """Include the carried effects' heat and cooling in the numbers for an observer without these effects.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the window, at its mode.
+    mean, cov : ndarray (P,), (P, P)
+        Of (φ, v).
+
+    Returns
+    -------
+    ndarray (p + 1,), ndarray (p + 1, p + 1)
+        Of φ and of the logarithm of the gain of heat from voltage; 0 without such heat.
+    """
+    A = _in_shares(problem)
+    return A @ mean, A @ cov @ A.T
+
+
+def apart(problem: Problem, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
+    """As `effective`, but reversible heat is in no share and follows as numbers of its own.
+
+    Its mean over a window says little about the time after it, when the current may have the other sign.
+
+    Returns
+    -------
+    ndarray (p + 3,), ndarray (p + 3, p + 3)
+        With the numbers `ENTROPIC` at the end, mV/K, the first at the mean charge of the window.
+    """
+    A, at = _in_shares(problem), problem.p + ENTROPIC_AT
+    A[:, at] = 0.0
+    own = np.zeros((len(ENTROPIC), problem.P))
+    own[np.arange(len(ENTROPIC)), at] = problem.size * np.array(PRIOR_SD)
+    A = np.vstack([A, own])
+    return A @ mean, A @ cov @ A.T
+
+
+def _in_shares(problem: Problem) -> Floats:
+    """Slopes (p + 1, P) of an observer's numbers by (φ, v)."""
+    p, shares = problem.p, np.clip(problem.effects.shares, -MOST_SHARE, MOST_SHARE)
+    A = np.zeros((p + 1, problem.P))
+    A[:p, :p] = np.eye(p)
+    A[p if np.any(problem.inputs.heat != 0.0) else R_E, p:], A[R_U, p:] = shares
+    A[np.setdiff1d(np.arange(p), problem.sought.free), p:] = 0.0
+    return A
