@@ -62,6 +62,8 @@ class Case:
         How many, and which have a thermocouple.
     volts : bool
         The voltage of the pack is on the bus.
+    also : tuple of (int, float)
+        Further cells with the same fault, "heat" or "loose", since the same time, and its size in each.
     """
 
     pack: str
@@ -79,6 +81,7 @@ class Case:
     cells: int = CELLS
     sensors: tuple[int, ...] = SENSORS
     volts: bool = False
+    also: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,8 @@ def _terms(c: Case, rng: np.random.Generator):
 def _break(x, c: Case) -> None:
     """Let the fault begin that is one of the pack."""
     if c.fault == "heat":
-        x.core_heat[c.at : c.at + c.lasts if c.lasts else None, c.cell - 1] += c.size
+        for cell, watts in ((c.cell, c.size), *c.also):
+            x.core_heat[c.at : c.at + c.lasts if c.lasts else None, cell - 1] += watts
     elif c.fault == "fan":
         x.R_u[c.at :] *= c.size or 3.0
     elif c.fault == "pump":
@@ -198,7 +202,8 @@ def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.nda
         for i in range(c.at, K):
             y[i, k] = a * y[i - 1, k] + (1 - a) * y[i, k]
     elif c.fault == "loose":
-        y[:, k] += after * c.size * (coolant[:, k] - surface[:, k])
+        for cell, share in ((c.cell, c.size), *c.also):
+            y[:, cell - 1] += after * share * (coolant[:, cell - 1] - surface[:, cell - 1])
     elif c.fault == "drift":
         y[:, k] += c.size * hours
     elif c.fault == "jump":

@@ -13,7 +13,7 @@ def test_heat_is_told_with_its_band():
     found = Finding("unexplained_heat", 3, 2, 0, heat=2.0, heat_sd=0.3, others=(("cooling", 0.2),), sure=0.8)
     told = sentence(found, 12, 20 * MIN)
     assert "2 ± 0.6 W that no current makes" in told
-    assert "(80 % sure; it may sit in cell 2 or 4); could also be cooling (20 %)" in told
+    assert "(80 % sure; it may sit in cell 2 or 4, or in several of them); could also be cooling (20 %)" in told
 
 
 def test_shares_of_a_reading_are_per_cent():

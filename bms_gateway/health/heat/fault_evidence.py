@@ -29,7 +29,8 @@ from functools import cached_property
 import numpy as np
 
 from bms_gateway.health.heat.filter import HeatFilter, Linear
-from bms_gateway.health.heat.layout import COMMON, Bools, Ints
+from bms_gateway.health.heat.layout import COMMON, Bools, Ints, Layout
+from bms_gateway.health.heat.several import Likes, Products
 from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
@@ -56,6 +57,8 @@ class Kind(IntEnum):
     STREAM = 8
 
 
+ALIKE = (Kind.HEAT, Kind.JUMP, Kind.LOOSE, Kind.LAG)
+"""Kinds of which several faults may begin together: a crash, a leak or a hand in a pack strikes more than one cell."""
 SIZE = {
     Kind.JUMP: 1.5,  # K
     Kind.SLOPE: 1.5,  # K/h
@@ -108,6 +111,8 @@ class Evidence:
         Kind of each fault, and the number of its observed cell or sensor.
     at : Layout
     of : HeatFilter
+    products : Products
+        Of the pairs of faults of one kind.
     """
 
     def __init__(self, of: HeatFilter) -> None:
@@ -136,7 +141,8 @@ class Evidence:
         least = np.where(self.kinds == Kind.SLOPE, -most, -np.inf)
         least[np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE))] = 0.0
         self._range = least, most  # of the amplitudes
-        self.at, self.of = at, of
+        self.of = of
+        self.products = Products(self.kinds, S, ONSETS, ALIKE)
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
@@ -151,6 +157,11 @@ class Evidence:
         for s in range(S):
             self.forget(s)
 
+    @property
+    def at(self) -> Layout:
+        """Order of the states."""
+        return self.of.at
+
     @cached_property
     def group(self) -> Ints:
         """0-based cell of the thermocouple that is nearest to each fault (S, H); −1 for faults of all cells."""
@@ -164,6 +175,7 @@ class Evidence:
         """Start again with string `s`."""
         self._s[s] = self._first[:, None, :]
         self._C[s], self._D[s] = 0.0, 0.0
+        self.products.begin(s, np.s_[:])
         self._born[s], self._before[s] = self.now, self.of.before[s]
         self._late[s] = np.nan
 
@@ -194,6 +206,8 @@ class Evidence:
         shape = at.strings, ONSETS, H
         self._C += np.einsum("smj,smj->sj", g, V).reshape(shape)
         self._D += np.einsum("smj,sm->sj", V, x.nu).reshape(shape)
+        each = at.strings, m, ONSETS, H
+        self.products.take(g.reshape(each), V.reshape(each))
         s -= np.matmul(x.K, g)
         self._s = s.reshape(self._s.shape)
 
@@ -212,6 +226,7 @@ class Evidence:
         self._birth[row, slot], self._read_before[row, slot] = self.now, self._read
         self._s[row, :, slot] = self._first
         self._C[row, slot], self._D[row, slot] = 0.0, 0.0
+        self.products.begin(row, slot)
         self._born[row, slot], self._before[row, slot] = self.now, self.of.before
         self._late[row, :, slot] = np.nan
 
@@ -253,6 +268,14 @@ class Evidence:
         one &= self.at.fitted.sum(axis=1) >= REFERENCE
         own = one[:, None] & (self.group == self.group[row, first][:, None])
         return np.asarray(np.where(own | (self.kinds == Kind.SLOPE), -np.inf, each).max(axis=1), dtype=np.float64)
+
+    def likes(self, s: int, kind: Kind) -> Likes:
+        """Return all faults of a kind in string `s`, to be weighed in sets; those that it has not have no size."""
+        here = self.products.faults[kind]
+        real = self._real[s, 0, here]
+        C = self.products.of(s, kind) * (real[:, None] & real)
+        limits = float(self._range[0][here[0]]), float(self._range[1][here[0]])
+        return Likes(C, self._D[s][:, here] * real, 1.0 / self._size2[s, 0, here], limits)
 
     def moved(self, s: int, onset: int, fault: int) -> Floats:
         """Change of the numbers (N,) of string `s` by the fault with amplitude 1."""

@@ -75,3 +75,8 @@ class SeenStep(NamedTuple):
     gaps: Floats
     cools: bool
     age_s: float
+
+
+def lasted(since_ns: int, now_ns: int, dt: float) -> float:
+    """Return the s since the beginning of the step of `dt` seconds that ended at `since_ns`; steps may be long."""
+    return (now_ns - since_ns) * 1e-9 + dt

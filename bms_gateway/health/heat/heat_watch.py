@@ -18,12 +18,14 @@ from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding, SeenStep
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.many_heats import SURE
 from bms_gateway.health.heat.positive import not_cooled
 from bms_gateway.health.heat.reading_times import merged, weights
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
+from bms_gateway.health.heat.standing import SUSPECT
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
+from bms_gateway.health.heat.verdict import Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0

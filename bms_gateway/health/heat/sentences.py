@@ -40,8 +40,8 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
     if f.others:
         else_ = "; could also be " + ", ".join(f"{name} ({100 * p:.0f} %)" for name, p in f.others)
     if f.code == "unexplained_heat":
-        near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
-        beside = f"; it may sit in cell {' or '.join(map(str, near))}" if near else ""
+        near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells and f.places != (f.place,)]
+        beside = f"; it may sit in cell {' or '.join(map(str, near))}, or in several of them" if near else ""
         return (
             f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(BAND_SD * f.heat_sd, 1)} W that no current "
             f"makes, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % sure{beside}){else_}: an "

@@ -2,41 +2,27 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 
-from bms_gateway.health.heat.course import (
-    COLD,
-    COOLING,
-    COOLING_BACK,
-    COOLING_GRAVE,
-    FLOW_GRAVE,
-    FLOW_SURE,
-    FROZEN_K,
-    FROZEN_S,
-    MISSING,
-    MISSING_BACK,
-    MUCH,
-    SLOW_S,
-    Course,
-    missing,
-)
+from bms_gateway.health.heat import many_heats
+from bms_gateway.health.heat.course import COOLING_BACK, FROZEN_K, FROZEN_S, MISSING_BACK, Course
 from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
-from bms_gateway.health.heat.finding import Finding, SeenStep
+from bms_gateway.health.heat.finding import Finding, SeenStep, lasted
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.many_heats import SURE, Together
 from bms_gateway.health.heat.prior_odds import ln_prior
 from bms_gateway.health.heat.proven import early, known, may_be_else, may_be_heat, proven, undecided, watched
 from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.health.heat.shared_heat import share_out
 from bms_gateway.health.heat.slips import BURNT_C, COLDER_S, as_found, failed_since, heats_at, left_by
+from bms_gateway.health.heat.standing import HOLD_COMMON_S, HOLD_S, INLET_OFF, INLET_SURE, Standing
 from bms_gateway.thermal import Floats
 
-SURE = 12.0
-"""Least ln evidence at which heat is accepted: about 5 sd, because each step tests a few dozen faults and onsets."""
 ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 7.0, Kind.STREAM: 9.0}
 """The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
 LOAD_DENIED = 2.0  # the same for missing heat of the current, where the voltage denies the current too
@@ -46,8 +32,6 @@ while its cell cools looks like heat for a minute."""
 WAIT_S = 180.0
 """Time after which a certain fault with several possible causes is reported with the likeliest of them."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
-HOLD_S, HOLD_COMMON_S = 20.0, 60.0
-"""Time for which a cause must have been the likeliest before it is reported; the second is for films and inlet."""
 LEAST_SHARE, ALONE_SHARE = 0.1, 3.0
 """Least heat that is a fault besides `LEAST_RATE`, as a share of the heat by the cell's current. The second number
 holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
@@ -56,14 +40,6 @@ off looks like heat."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
-FLOWED_S = 1800.0  # s in which a sudden change of the films may be reported; ageing judges slow changes
-INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet's sensor is wrong, frozen or not
-MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
-COOLED_LN = 5.0
-"""ln by which a change of the current's heat must be likelier than one of films or flow, for missing heat to be
-reported: cells that are cooled more look like cells that make less heat."""
-SUSPECT = 5.0
-"""Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 YOUNG_S = 900.0
 """s since a start, in which cells and thermocouples that differ by more than those of one string do mean that the state
 was found with a fault."""
@@ -100,22 +76,26 @@ class Verdict:
     _proven: bool = False
     _stands: int = 0
     _stood_ns: int = 0
-    _slow_ns: int | None = None
-    _less_ns: int | None = None
-    _flowed_ns: int | None = None
+    _standing: Standing = field(init=False)
     _residual: Floats = field(default_factory=lambda: np.zeros(0))
     _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
     _shows: Mapping[Kind, Floats] = field(default_factory=dict)
+    _also: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.aside = np.zeros(self.of.at.sensed, np.bool_)
         m = self.of.at.sensed
         self.seen = SeenStep(np.ones(m, np.bool_), np.zeros(m), cools=False, age_s=0.0)
+        self._standing = Standing(self.s, self.of, self.evidence, self.course)
 
     @property
     def hot(self) -> bool:
         """Whether heat of a cell's own has been found."""
-        return any(f.code == "unexplained_heat" for f in self.findings)
+        return bool(self._hot_cells)
+
+    @property
+    def _hot_cells(self) -> list[Finding]:
+        return [g for g in self.findings if g.code == "unexplained_heat"]
 
     @property
     def jumped(self) -> Bools:
@@ -146,7 +126,7 @@ class Verdict:
         list of Finding
             New findings, and those that have ended (level 0).
         """
-        told = self._prove(now_ns) + self._followed(now_ns) + self._left(now_ns)
+        told = self._prove(now_ns) + self._followed(now_ns) + self._left(now_ns) + self._also_heat(now_ns)
         if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
             self.evidence.forget(self.s)
             return told
@@ -155,14 +135,19 @@ class Verdict:
             self._stands = 0
         else:
             told += self._weighed(each, w, now_ns)
-        return told + (self._standing(w, each, now_ns) if self.of.running[self.s] else [])
+        if not self.of.running[self.s]:
+            return told
+        for g in self._standing.look(w, each, {g.code for g in self.findings}, now_ns):
+            self._tell(g, now_ns)
+            told.append(g)
+        return told
 
     def _prove(self, now_ns: int) -> list[Finding]:
         """Check whether heat is proven; then withdraw findings on thermocouples and inlet since its beginning.
 
         A burning cell warms its neighbours in ways that no number of the model describes.
         """
-        heats = [g for g in self.findings if g.code == "unexplained_heat"]
+        heats = self._hot_cells
         if not heats or self._proven:
             self._proven = bool(heats)
             return []
@@ -175,10 +160,11 @@ class Verdict:
 
     def pass_over(self) -> None:
         """Pass a step whose evidence is too small to be judged."""
-        self._stands, self._slow_ns, self._less_ns = 0, None, None
+        self._stands = 0
+        self._standing.pass_over()
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
-        kinds, place = self.evidence.kinds, self.evidence.place
+        kinds = self.evidence.kinds
         E = each + ln_prior(self.evidence, self.course, self.s)
         if self.of.usual.alone[self.s]:
             hold_films(E, w, self.evidence, self.s)
@@ -187,13 +173,43 @@ class Verdict:
         elif self.seen.cools and self.course.few[self.s] and self.aside.any():
             E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
-        kind, j = Kind(int(kinds[best])), int(place[best])
-        if each[best] < (LOAD_DENIED if kind is Kind.LOAD and self.course.denied[self.s] else ENOUGH.get(kind, SURE)):
+        heats = sensors = None
+        if each.max() >= SURE:
+            heats = many_heats.heats_together(self.evidence, self.course, self.s, self._hot_cells, ~self.aside)
+            if not self.hot:  # what thermocouples show of a cell that heats is no fault of theirs
+                sensors = many_heats.thermocouples_together(self.evidence, self.course, self.s, ~self.aside)
+        many = many_heats.likelier(heats, sensors)
+        kind = Kind(int(kinds[best]))
+        enough = LOAD_DENIED if kind is Kind.LOAD and self.course.denied[self.s] else ENOUGH.get(kind, SURE)
+        several = many is not None and many.ln >= max(SURE, float(E[best]))
+        if each[best] < enough and not several:
             self._stands = 0
             return []
         self._stands += 1
         self._stood_ns = self._stood_ns if self._stands > 1 else now_ns
-        held = self._lasted(self._stood_ns, now_ns) if self._stands > 1 else 0.0
+        held_s = lasted(self._stood_ns, now_ns, self.of.dt) if self._stands > 1 else 0.0
+        share = many_heats.shares(E, (heats, sensors))
+        if many is None or not several:
+            return self._one_weighed(E, w, (share, heats), held_s, now_ns)
+        alone = float(share[(kinds == Kind.HEAT) if many is heats else (kinds > Kind.HEAT) & (kinds < Kind.FLOW)].sum())
+        poor = bool(self.course.poor[self.s] and (many is sensors or not self.of.calm[self.s]))
+        sure = alone >= (ALONE_HEAT if many is heats else ALONE)
+        if held_s < HOLD_S or (not sure and held_s < WAIT_S) or (poor and (many is sensors or not sure)):
+            return []
+        if many_heats.may_be_heats(self.evidence, self.s, many.kind, many.onset, many.ln, heats):
+            return []
+        accept = self._accept_heats if many is heats else self._accept_sensors
+        return accept(many, share, alone, now_ns)
+
+    def _one_weighed(
+        self, E: Floats, w: Weighed, beside: tuple[Floats, Together | None], held_s: float, now_ns: int
+    ) -> list[Finding]:
+        """Judge the single fault that has been the likeliest since `held_s` seconds, `beside` others and several."""
+        kinds, place = self.evidence.kinds, self.evidence.place
+        share, many = beside
+        each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
+        best = int(E.argmax())
+        kind, j = Kind(int(kinds[best])), int(place[best])
         onset = int(w.ln[self.s, :, best].argmax())
         hidden = self._hidden(now_ns)
         slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - ALIKE).any())
@@ -208,20 +224,20 @@ class Verdict:
         if may_be_heat(self.evidence, self.s, w, onset, best, heats, slept=slept):
             best, kind, j = heat, Kind.HEAT, int(place[heat])
             onset = int(w.ln[self.s, :, heat].argmax())
-        share = np.exp(E - E.max())
-        share /= share.sum() + exp(-E.max())
         sensors = (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
         same = kinds == kind if kind is Kind.HEAT or kind >= Kind.FLOW else sensors & (place == j)
         alone = float(share[same].sum())
         # the causes of a change during a sleep cannot be distinguished later either
-        waited = held >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
+        waited = held_s >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
         # under load, no thermocouple is reported with a poor model: heat is not reported instead of it
         loaded = not bool(self.of.calm[self.s])
         waited = waited and not (kind is Kind.HEAT and loaded and self.course.poor[self.s])
         waited = waited and not undecided(self.evidence, self.s, E, best, onset)
         sure = alone >= (ALONE_HEAT if kind is Kind.HEAT else ALONE)
-        sure = sure and held >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
+        sure = sure and held_s >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
         if early(self.evidence, self.s, E, best, onset) or not (sure or waited):
+            return []
+        if many_heats.may_be_heats(self.evidence, self.s, kind, onset, float(E[best]), many):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
 
@@ -229,17 +245,9 @@ class Verdict:
         """Return which onsets are before the end of the last sleep."""
         if self.woke_ns is None:
             return np.zeros(ONSETS, np.bool_)
-        return self.evidence.ages(self.s) > self._lasted(self.woke_ns, now_ns)
+        return self.evidence.ages(self.s) > lasted(self.woke_ns, now_ns, self.of.dt)
 
-    def _accept(
-        self,
-        fault: int,
-        onset: int,
-        w: Weighed,
-        share: Floats,
-        sure: float,
-        now_ns: int,
-    ) -> list[Finding]:
+    def _accept(self, fault: int, onset: int, w: Weighed, share: Floats, sure: float, now_ns: int) -> list[Finding]:
         """Accept a fault: the states are shifted by its effect, and the evidence starts again from zero."""
         s, f = self.s, self.of
         kind, place = Kind(int(self.evidence.kinds[fault])), int(self.evidence.place[fault])
@@ -267,9 +275,9 @@ class Verdict:
         new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
         new.others, new.places = others(self.evidence, s, share, new), tuple(sizes)
         if kind is Kind.FLOW:
-            self._flowed_ns = now_ns
+            self._standing.flowed_ns = now_ns
         if kind in (Kind.FLOW, Kind.LOAD, Kind.STREAM):
-            return []  # `_standing` judges the states of heat and films in every step; a step of the flow is no fault
+            return []  # `Standing` judges the states of heat and films in every step; a step of the flow is no fault
         if kind is Kind.HEAT:
             tells = self._heats(new, sizes)
         else:
@@ -278,9 +286,65 @@ class Verdict:
             return []
         if slips:  # more will follow; what it reads is compared with what it read before
             self.aside[place], f.z[s, f.at.bias] = True, bias
-        self.findings.append(new)
-        self._write(new, now_ns)
+        self._tell(new, now_ns)
         return [new]
+
+    def _accept_heats(self, many: Together, share: Floats, sure: float, now_ns: int) -> list[Finding]:
+        """Accept heat in several cells: a finding for each of them that is large enough."""
+        s, f, e = self.s, self.of, self.evidence
+        age_s = float(e.ages(s)[many.onset])
+        weighed = [many_heats.given(e, s, many, j) for j in many.faults]
+        if self.seen.age_s < YOUNG_S and not self.hot and self.course.unlike[s]:
+            f.unlearn(s)
+        share[list(many.faults)] = 0.0  # the heat in one of the cells is no other cause of that in the next
+        told = []
+        for fault, w in zip(many.faults, weighed, strict=True):
+            sizes = share_out(f, e, self.course, s, w, fault)
+            size = float(w.amplitude[s, many.onset, fault])
+            new = Finding("", None, 1, now_ns - round(age_s * 1e9), place=int(e.place[fault]), size=size, sure=sure)
+            new.others, new.places = others(e, s, share, new), tuple(sizes)
+            if self._heats(new, sizes):
+                self.findings.append(new)
+                told.append(new)
+        e.forget(s)
+        self._stands = 0
+        for new in told:
+            self._write(new, now_ns)
+        return told
+
+    def _accept_sensors(self, many: Together, share: Floats, sure: float, now_ns: int) -> list[Finding]:
+        """Accept a fault that several thermocouples have."""
+        since, told = now_ns - round(float(self.evidence.ages(self.s)[many.onset]) * 1e9), []
+        share[list(many.faults)] = 0.0
+        for fault, size in zip(
+            many.faults, many_heats.move_together(self.of, self.evidence, self.s, many).tolist(), strict=True
+        ):
+            place = int(self.evidence.place[fault])
+            new = Finding("", None, 1, since, kind=many.kind, place=place, size=size, sure=sure)
+            new.others = others(self.evidence, self.s, share, new)
+            if self._fails(new):
+                self._tell(new, now_ns)
+                told.append(new)
+        self.evidence.forget(self.s)
+        self._stands = 0
+        return told
+
+    def _also_heat(self, now_ns: int) -> list[Finding]:
+        """Name the cells beside one with heat that heat, too, by readings of their own."""
+        heats = self._hot_cells
+        fire = self.burning or any(g.hottest > BURNT_C for g in heats)  # heats its neighbours from outside
+        there = many_heats.also_heats(self.of, self.s, heats, ~self.aside) if heats and not fire else {}
+        self._also = {j: self._also.get(j, now_ns) for j in there}
+        told = []
+        for j, since in self._also.items():
+            if self._held(since, now_ns, many_heats.ALSO_S):
+                for g in heats:
+                    g.places = tuple(k for k in g.places if k != j)
+                cell = int(self.of.at.told[self.s, j]) + 1
+                new = Finding("unexplained_heat", cell, 2, since, place=j, places=(j,), size=there[j])
+                self._tell(new, now_ns)
+                told.append(new)
+        return told
 
     def _heats(self, new: Finding, sizes: Mapping[int, float]) -> bool:
         """Make a finding of accepted heat, W by cell, if it is large enough and not reported already."""
@@ -323,7 +387,7 @@ class Verdict:
 
     def _left(self, now_ns: int) -> list[Finding]:
         """Set thermocouples aside that have left a cell while it heats."""
-        told, heats = [], [g for g in self.findings if g.code == "unexplained_heat"]
+        told, heats = [], self._hot_cells
         for g in heats:
             place = left_by(self.of, self.s, g, ~self.aside)
             g.colder_ns = None if place is None else g.colder_ns or now_ns
@@ -334,8 +398,7 @@ class Verdict:
             self._fails(new)
             as_found(self.of, self.s, g)
             self.evidence.forget(self.s)
-            self.findings.append(new)
-            self._write(new, now_ns)
+            self._tell(new, now_ns)
             told.append(new)
         return told
 
@@ -408,62 +471,11 @@ class Verdict:
         return self._held(g.low_ns, now_ns, wait_s)
 
     def _held(self, since_ns: int | None, now_ns: int, wait_s: float) -> bool:
-        return since_ns is not None and self._lasted(since_ns, now_ns) >= wait_s
+        return since_ns is not None and lasted(since_ns, now_ns, self.of.dt) >= wait_s
 
-    def _lasted(self, since_ns: int, now_ns: int) -> float:
-        """Seconds since the beginning of the step that ended at `since_ns`; steps may be long."""
-        return (now_ns - since_ns) * 1e-9 + self.of.dt
-
-    def _standing(self, w: Weighed, each: Floats, now_ns: int) -> list[Finding]:
-        """Make findings of the states themselves, whether they changed suddenly or slowly."""
-        s, f, at = self.s, self.of, self.of.at
-        codes = {g.code for g in self.findings}
-        share, var = (float(x[s]) for x in f.made())
-        best = int(each.argmax())
-        if self.evidence.kinds[best] == Kind.LOAD and each[best] > SUSPECT:
-            onset = int(w.ln[s, :, best].argmax())
-            along = self.evidence.moved(s, onset, best)
-            share += float(w.amplitude[s, onset, best]) * float(along[at.load] + along[at.brisk])
-            var += float(w.var[s, onset, best])
-        new = []
-        kinds = self.evidence.kinds
-        lead = float(each[best] - each[np.isin(kinds, (Kind.FLOW, Kind.STREAM))].max())
-        sound = each[best] < SUSPECT or (kinds[best] == Kind.LOAD and lead > COOLED_LN)
-        warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
-        # a model with this result would need a current that cools
-        warms = warms and float(f.made()[0][s]) > COLD
-        warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
-        if "missing_heat" not in codes and warms and missing(share, sqrt(var), bool(self.course.denied[s])):
-            new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
-        u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
-        grown = self._grown()
-        own = float(each[self.evidence.kinds < Kind.FLOW].max()) > SUSPECT or self.hot
-        if "cooling" not in codes:
-            flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
-            least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
-            lost = u - self.course.film[s]
-            # a film shows by lasting heat: if the current seems to make none, the film is not the explanation
-            own = own or share < MISSING
-            own = own or (not flowed and bool(self.course.poor[s]))
-            slower = grown > least and lost > sure * u_sd and not own
-            self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
-            less = grown > COOLING and lost > FLOW_SURE * u_sd and not own and bool(self.course.shows_films(f)[s])
-            slow_s = HOLD_COMMON_S if grown > MUCH else SLOW_S
-            self._less_ns = (now_ns if self._less_ns is None else self._less_ns) if less else None
-            if self._held(self._slow_ns, now_ns, hold) or self._held(self._less_ns, now_ns, slow_s):
-                level = 2 if grown >= COOLING_GRAVE else 1
-                new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
-                self.course.cooling[s] = True
-        off, off_sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
-        still = self.course.frozen[s] * f.dt >= FROZEN_S and not self.course.constant_inlet[s]
-        moved = abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd)
-        stuck = bool(self.course.stuck[s])
-        if "inlet" not in codes and (stuck or (still and moved)) and not self.hot:
-            new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
-        for g in new:
-            self.findings.append(g)
-            self._write(g, now_ns)
-        return new
+    def _tell(self, g: Finding, now_ns: int) -> None:
+        self.findings.append(g)
+        self._write(g, now_ns)
 
     def _grown(self) -> float:
         """Growth of R_u against its usual value."""
