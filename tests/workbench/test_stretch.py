@@ -160,7 +160,7 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         page.click("#diagnose-window")
         page.wait("return document.querySelector('#what').innerText.includes('window_of_string_2.csv')", patience_s=300)
         page.idle(300)
-        assert "window_of_string_2.csv: 1 min" in page.run("return document.querySelector('#opened').textContent")
+        assert "window_of_string_2.csv: 1.0 min" in page.run("return document.querySelector('#opened').textContent")
         # a restart finds the window where the page has kept it
         assert sorted(json.loads(page.run("return sessionStorage.workbench"))["uploads"]) == [
             "string_2.toml",
