@@ -8,6 +8,7 @@ only, not on the division into blocks.
 """
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -36,7 +37,7 @@ _LAST_3_BYTES = np.uint64(0xFFFF_FF00_0000_0000)
 _INK = np.isin(np.arange(256), list(b" \t\n\r\v\f"), invert=True)
 _STAMP = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) ")
 LINE = re.compile(
-    rb"\((?P<s>\d{1,12})(?:\.(?P<fraction>\d{1,9}))?\)\s+\S+\s+(?P<id>[0-9A-Fa-f]{1,8})#"
+    rb"\((?P<s>\d{1,12})(?:\.(?P<fraction>\d{1,9}))?\)\s+(?P<interface>\S+)\s+(?P<id>[0-9A-Fa-f]{1,8})#"
     rb"(?:(?P<remote>R[0-9A-Fa-f]?)|#[0-9A-Fa-f](?P<fd>(?:[0-9A-Fa-f]{2}){0,64})|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))"
     rb"(?:_[0-9A-Fa-f])?(?:\s+[RT])?\s*"
 )
@@ -154,6 +155,18 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     frames = FrameBatch(columns.time_ns[keep], columns.can_id[keep], columns.length[keep], columns.data[keep])
     notes.frames += len(frames)
     return frames, lines
+
+
+def interfaces_in(text: bytes) -> Counter[str]:
+    r"""Count the lines of each interface.
+
+    Examples
+    --------
+    >>> interfaces_in(b"(1.0) can1 123#AA\n(1.1) can1 123#AB\ncan0\n")
+    Counter({'can1': 2})
+    """
+    found = map(LINE.fullmatch, text.splitlines())
+    return Counter(m["interface"].decode("ascii", "replace") for m in found if m is not None)
 
 
 def format_block(frames: FrameBatch, channel: str) -> bytes:

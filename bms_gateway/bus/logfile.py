@@ -1,7 +1,6 @@
 """Reads logged traffic as batches: candump with our own parser, every other format with python-can's readers."""
 
 import gzip
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
@@ -9,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, parse_block
+from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, interfaces_in, parse_block
 from bms_gateway.bus.sniff import misnamed
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.batch import FrameBatch
@@ -27,8 +26,6 @@ GIVE_UP: Final = (
     1_000_000  # damaged lines in a row: they cost some seconds, and are more than a damaged part of a disk contains
 )
 
-_INTERFACE: Final = re.compile(rb"^\([0-9.]+\)\s+([A-Za-z][A-Za-z0-9_.-]{0,14})\s+[0-9A-Fa-f]{1,8}#", re.MULTILINE)
-
 
 def interfaces_of(path: Path | str, size: int = CHUNK) -> Counter[str]:
     """Count the frames of each interface in the first bytes of a candump log; other formats name none.
@@ -43,12 +40,10 @@ def interfaces_of(path: Path | str, size: int = CHUNK) -> Counter[str]:
     if _kind_of_file(path) not in CANDUMP:
         return Counter()
     with path.open("rb") as file:
-        source = Gunzip(file, str(path)) if path.suffix.lower() == ".gz" else file
         try:
-            text = source.read(size)
+            return interfaces_in(_unpacked(path, file).read(size))
         except EOFError:  # nothing whole before the cut
-            text = b""
-    return Counter(name.decode() for name in _INTERFACE.findall(text))
+            return Counter()
 
 
 def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = None) -> Iterator[FrameBatch]:
@@ -180,12 +175,16 @@ def _nearest_file(path: Path) -> str:
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 
+def _unpacked(path: Path, file: BinaryIO) -> BinaryIO | Gunzip:
+    return Gunzip(file, str(path)) if path.suffix.lower() == ".gz" else file
+
+
 def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatch]:
     carry = b""
     line = 1
     unread = 0
     with path.open("rb") as file:
-        source = Gunzip(file, str(path)) if path.suffix.lower() == ".gz" else file
+        source = _unpacked(path, file)
         try:
             while block := source.read(chunk):
                 text = carry + block

@@ -127,10 +127,10 @@ class Alerting:
             self.alerts.begin(now_s)
         self._paused = pause_s >= PAUSE_S
         for nearing, s in zip(self._nearing, self._estimators.strings, strict=True):
-            if s.forecast is not None and s.forecast.time_ns == t1:
-                nearing.take(s.forecast.approach(), s.forecast.peak)
-            elif pause_s >= QUIET_S:
+            if silent or pause_s >= PAUSE_S:  # forecasts go on for a while, of a load that nobody measures
                 nearing.silent(pause_s)
+            elif s.forecast is not None and s.forecast.time_ns == t1:
+                nearing.take(s.forecast.approach(), s.forecast.peak)
         changes = self.alerts.update(now_s, list(self._conditions(quiet=pause_s >= QUIET_S)), last=silent)
         return [Alerted(t1, change) for change in changes]
 

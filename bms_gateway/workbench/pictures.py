@@ -5,7 +5,6 @@ A figure contains what does not depend on the model. The curves of a step are a 
 """
 
 from collections.abc import Mapping, Sequence
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -111,8 +110,8 @@ def readings(
             x, y = drawn[i]
             samples = _every(file, quantity, None, m, (x * time.seconds, y))
             drawn[i] = _open(m, time, samples, held=spec["data"][i]["line"].get("shape") == STEPS)
-        last = max(float(x.max()) for x, _ in drawn)
-        spec["layout"]["xaxis"]["range"][1] = max(spec["layout"]["xaxis"]["range"][1], ceil(1e4 * last) / 1e4)
+        last = time.around(0.0, time.seconds * max(float(x.max()) for x, _ in drawn))[1]
+        spec["layout"]["xaxis"]["range"][1] = max(spec["layout"]["xaxis"]["range"][1], last)
         spec["data"] = [_shelved(d, shelf, *one) for d, one in zip(spec["data"], drawn, strict=True)]
         found[f"drive-{r}"] = {**spec, "seconds": time.seconds}
     return found

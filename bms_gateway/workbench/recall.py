@@ -85,7 +85,7 @@ def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str,
     if kept["diagnosed"] and other:
         why = LEFT_OUT["both" if len(other) > 1 else other[0]]
         return {}, f"The session’s diagnosis is left out: {why}. Diagnose again."
-    astray = kept.get("astray", ())
+    astray = kept["astray"]
     why = f"The session’s diagnosis is left out: {LEFT_OUT['added']}. Diagnose again." if astray else ""
     try:
         return {str(d["step"]): _whole(d["said"]) for d in kept["diagnosed"] if d["step"] not in astray}, why

@@ -257,3 +257,17 @@ def test_a_model_far_from_the_readings_starts_where_they_start():
     hot = {**model.priors, "R_e": replace(model.priors["R_e"], value=2.0 * model.priors["R_e"].value)}
     (band,) = compare(replace(model, priors=hot), [record]).filed.cores
     assert np.abs(band.T_c[0] - log.core[0]).max() < 2.0
+
+
+@pytest.mark.parametrize("step_K", [0.0, 0.5, 1.0])
+def test_the_structured_part_of_an_error_is_no_larger_than_the_error(step_K):
+    # Bug: with readings in steps of 1 K it was larger, because the fit takes a reading for the interval of its step.
+    log = make_log(Scenario(effects={"entropic_heat": ("strong", None)}, seconds=1500, seed=31, columns=()))
+    if step_K:
+        for name in [k for k in log.table if k.startswith("surface_")]:
+            log.table[name] = np.round(log.table[name] / step_K) * step_K
+    record, model = record_of(log)
+    got = compare(model, [record])
+    for variant in (got.filed, got.refitted):
+        for s in variant.sensors:
+            assert 0.0 < s.structured_K <= 1.02 * max(s.trained.rmse_K, s.held.rmse_K)

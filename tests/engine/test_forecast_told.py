@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Engine, Estimated, Foreseen, SendFrames, drive
+from bms_gateway.engine import Alerted, Engine, Estimated, Foreseen, SendFrames, drive
 from bms_gateway.frames.batch import FrameBatch
 from tests.engine.packs import EPOCH_S, database, plan, traffic
 from tests.engine.told_strings import S, said, warm, with_channels
@@ -76,3 +76,14 @@ def test_a_thermocouple_that_comes_off_makes_no_forecast_of_its_neighbours_wild(
         told = f.centre_sd[:, :3] <= 12.0
         moved = np.abs(f.centre[:, :3] - before.centre[:, :3])
         assert (moved < 8.0 + 2.0 * np.hypot(f.centre_sd, before.centre_sd)[:, :3])[told].all()
+
+
+def test_a_warning_of_a_forecast_is_of_the_load_of_before_while_the_bus_is_silent() -> None:
+    engine = Engine(with_channels(), database())
+    hot = said(150, current=lambda t: 90.0, surface=lambda t: 25.0 + 0.1 * t)
+    later = said(5, surface=lambda t: 42.0, start=300)
+    changes = [e.change for batch in (hot, later) for e in drive(engine, [batch]) if isinstance(e, Alerted)]
+    told = [(c.state, c.condition.text) for c in changes if c.condition.name == "forecast"]
+    assert [state for state, _ in told] == ["raised", "over"]
+    assert "at this load (90 A" in told[0][1]
+    assert "before the bus fell silent (90 A" in told[1][1]

@@ -77,6 +77,11 @@ class SeenStep(NamedTuple):
     age_s: float
 
 
+def held(since_ns: int | None, now_ns: int, dt: float, wait_s: float) -> bool:
+    """Return whether what began at `since_ns`, if it has begun, has `lasted` for `wait_s`."""
+    return since_ns is not None and lasted(since_ns, now_ns, dt) >= wait_s
+
+
 def lasted(since_ns: int, now_ns: int, dt: float) -> float:
     """Return the s since the beginning of the step of `dt` seconds that ended at `since_ns`; steps may be long."""
     return (now_ns - since_ns) * 1e-9 + dt

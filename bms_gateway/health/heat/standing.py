@@ -22,7 +22,7 @@ from bms_gateway.health.heat.course import (
 )
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
-from bms_gateway.health.heat.finding import Finding, lasted
+from bms_gateway.health.heat.finding import Finding, held, lasted
 from bms_gateway.thermal import Floats
 
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
@@ -105,7 +105,7 @@ class Standing:
             less = grown > COOLING and lost > FLOW_SURE * u_sd and not own and bool(self.course.shows_films(f)[s])
             slow_s = HOLD_COMMON_S if grown > MUCH else SLOW_S
             self._less_ns = (now_ns if self._less_ns is None else self._less_ns) if less else None
-            if self._held(self._slow_ns, now_ns, hold) or self._held(self._less_ns, now_ns, slow_s):
+            if held(self._slow_ns, now_ns, f.dt, hold) or held(self._less_ns, now_ns, f.dt, slow_s):
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
@@ -116,6 +116,3 @@ class Standing:
         if "inlet" not in codes and (stuck or (still and moved)) and not hot:
             new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
         return new
-
-    def _held(self, since_ns: int | None, now_ns: int, wait_s: float) -> bool:
-        return since_ns is not None and lasted(since_ns, now_ns, self.of.dt) >= wait_s

@@ -11,7 +11,7 @@ from bms_gateway.health.heat.course import COOLING_BACK, FROZEN_K, FROZEN_S, MIS
 from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
-from bms_gateway.health.heat.finding import Finding, SeenStep, lasted
+from bms_gateway.health.heat.finding import Finding, SeenStep, held, lasted
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.many_heats import SURE, Together
@@ -337,7 +337,7 @@ class Verdict:
         self._also = {j: self._also.get(j, now_ns) for j in there}
         told = []
         for j, since in self._also.items():
-            if self._held(since, now_ns, many_heats.ALSO_S):
+            if held(since, now_ns, self.of.dt, many_heats.ALSO_S):
                 for g in heats:
                     g.places = tuple(k for k in g.places if k != j)
                 cell = int(self.of.at.told[self.s, j]) + 1
@@ -392,7 +392,7 @@ class Verdict:
             place = left_by(self.of, self.s, g, ~self.aside)
             g.colder_ns = None if place is None else g.colder_ns or now_ns
             fire = self.burning or any(h.hottest > BURNT_C for h in heats)
-            if place is None or fire or not self._held(g.colder_ns, now_ns, COLDER_S):
+            if place is None or fire or not held(g.colder_ns, now_ns, self.of.dt, COLDER_S):
                 continue
             new = Finding("", None, 1, g.colder_ns or now_ns, kind=Kind.LAG, place=place, size=1.0)
             self._fails(new)
@@ -468,10 +468,7 @@ class Verdict:
 
     def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
         g.low_ns = (now_ns if g.low_ns is None else g.low_ns) if low else None
-        return self._held(g.low_ns, now_ns, wait_s)
-
-    def _held(self, since_ns: int | None, now_ns: int, wait_s: float) -> bool:
-        return since_ns is not None and lasted(since_ns, now_ns, self.of.dt) >= wait_s
+        return held(g.low_ns, now_ns, self.of.dt, wait_s)
 
     def _tell(self, g: Finding, now_ns: int) -> None:
         self.findings.append(g)

@@ -182,7 +182,7 @@ async function draw(place) {
     layout.height += BUTTONS;
   }
   // a stretch fills the picture, with the same axes for all steps; records that are laid over it keep those of the whole
-  if (range && ["surface", "core"].includes(place) && !figure.beside) Object.assign(layout, around(figure, layout, range));
+  if (range && ["surface", "core"].includes(place) && !figure.beside) Object.assign(layout, axesWithin(figure, layout, range));
   if (place === "surface" && ui.closeUp && !range) layout.yaxis2.range = reach(figure) ?? layout.yaxis2.range;
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
@@ -233,7 +233,7 @@ async function draw(place) {
 }
 
 // The axes of a figure for what all of its steps have in a stretch of time.
-function around(figure, layout, [from, to]) {
+function axesWithin(figure, layout, [from, to]) {
   const found = { yaxis: [], yaxis2: [] };
   const take = (of, axis) => of?.x?.forEach((x, i) => { const y = of.y[i]; if (x >= from && x <= to && typeof y === "number" && !Number.isNaN(y)) found[axis].push(y); });
   for (const d of figure.data) take(d, d.yaxis === "y2" ? "yaxis2" : "yaxis");
