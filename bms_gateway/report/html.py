@@ -180,6 +180,7 @@ def write_diagnosis(
     tag = verdict_tag(d)
     sentence = escape(in_words(told.sentence))
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{sentence}</p>'
+    head += paragraph(told.offer.sentence) if told.offer.sentence else ""
     head += core_html(told.core, comparison.refitted.core_checks if comparison else ()) + aside.doubts
     sections: list[str] = []
     if d is not None:

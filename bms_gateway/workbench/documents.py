@@ -183,6 +183,8 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "remains": verdict == "unknown_effect" or remains,
         "sentence": in_words(told.sentence),
         "selected": [s.candidate.key for s in d.selected] if d else [],
+        "offer": list(told.offer.effects),
+        "not_offered": in_words(told.offer.sentence),
         "error": f"closest {'error' if d and d.decided_by_second else 'held-out error'}",
         "ranking": [_standing(r, p, r.name in fits) for p in parts_of(told.ranking) for r in p.ranked],
         "absorbed": [in_words(t) for t in told.absorbed],

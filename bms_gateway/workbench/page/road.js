@@ -254,14 +254,17 @@ function core(c) {
 function verdict() {
   const d = state.diagnosed;
   const box = $("panel-diagnose");
-  const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
+  const button = el("button", { class: d && !state.diagnosed_of ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
     d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
   if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   if (state.diagnosed_of) box.append(el("p", { class: "muted", id: "found-for" }, `Found for “${state.diagnosed_of}”, before what has been added since:`));
+  // judged by the gate of adding for the model that was diagnosed; of a later model it knows nothing
+  const free = state.diagnosed_of ? [] : (d.offer ?? []).filter((k) => !inModel(k));
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
-    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}${d.selected.filter((k) => !inModel(k)).length > 1 ? " at once" : ""}`)) : "",
+    d.not_offered ? el("p", { class: "alarm", id: "not-offered" }, d.not_offered) : "",
+    free.length ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(free) }, `Add ${labels(free)}${free.length > 1 ? " at once" : ""}`)) : "",
     ...core(d.core));
   const list = el("ul", { class: "effects" });
   let before = null;
