@@ -11,7 +11,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
 from bms_gateway.diagnosis.bounds import at_bound
-from bms_gateway.diagnosis.calibrate import UNTOLD, identify, starting_with
+from bms_gateway.diagnosis.calibrate import UNTOLD, identify, moved, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
@@ -379,7 +379,7 @@ def unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
     for c in added:
         if said := at_bound(fit, c):
             return f"{said}: not believed"
-        told = []
+        told, off = [], False
         for p in c.effect.parameters:
             name = f"{c.key}.{p.name}"
             names = [x.name for x in fit.problem.coordinates]
@@ -388,6 +388,9 @@ def unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
             i = names.index(name)
             if p.neutral is not None:
                 told.append(sd[i] < UNTOLD * fit.problem.coordinates[i].sd)
+                off |= moved(fit.problem.coordinates[i], float(fit.theta[i]))
+        if told and not any(told) and off:
+            return "its size moved far from what was known of it, and is no better known: not believed"
         if told and not any(told):
             return "not identifiable: the data say no more of its size than was known before"
     return ""

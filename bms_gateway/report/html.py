@@ -249,7 +249,8 @@ def write_addition(
     names = (step, with_added(named_all(c.key for c in addition.added)))
     models = [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
-    against = [in_words(f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}.")]
+    against = [in_words(f"Not added: {report.refused}.")] if report.refused and not report.forced else []
+    against += [in_words(text) for text in report.though]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
         *evidence(models, report.after.checks),
@@ -261,7 +262,7 @@ def write_addition(
     sentence = escape(in_words(headline(report)))
     head = f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(report.after.core, report.after.checks)
-    head += items([*(against if report.refused else []), *([in_words(report.remark)] if report.remark else [])])
+    head += items([*against, *([in_words(report.remark)] if report.remark else [])])
     head += aside.doubts + summary(models)
     write_page(path, "Model with an effect added", head, sections)
 

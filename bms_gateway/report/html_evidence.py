@@ -10,10 +10,11 @@ from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import UNKNOWN_K, half_width, rests_on
+from bms_gateway.report.html_correlation import together
 from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
-from bms_gateway.report.html_tables import at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.html_tables import astray, at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
 from bms_gateway.report.show import number
 
@@ -25,6 +26,8 @@ def _sample(shape: str) -> str:
     return f'<svg width="34" height="12" aria-hidden="true">{shape}</svg>'
 
 
+PAIRS = 2
+"""Greatest number of pairs in the card of numbers that are hardly known apart; their table lists more."""
 HELD_KEY = _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to"
 KEY = (
     _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 sd of the sensor",
@@ -56,10 +59,12 @@ def summary(models: Sequence[Shown]) -> str:
     line += f": ± {half_width(half[-1][0])} K" if half[-1][0] > UNKNOWN_K else ""
     told = [f"± {half_width(h)} K" if h <= UNKNOWN_K else "not known" for h, _ in half]
     found.append(Card("Core, 95 % band", " → ".join(told), line))
-    lost, stuck = unlearnt(last_fit), at_limits(last_fit)
+    lost, stuck, odd, alike = unlearnt(last_fit), at_limits(last_fit), astray(last_fit), together(last_fit)
     lines = [f"at a limit, so not used: {', '.join(stuck)}"] if stuck else []
+    lines += [f"far from what was known, yet no better known: {', '.join(odd)}"] if odd else []
     lines += [f"these stay as they were known before: {', '.join(lost)}"] if lost else []
-    line = "; ".join(lines) or "the data determine every free parameter"
+    apart = f", but hardly apart: {'; '.join(alike[:PAIRS])} (correlation)" if alike else ""
+    line = "; ".join(lines) or f"the data say something of every free parameter{apart}"
     found.append(Card("Not identifiable", f"{len(lost)} of {free(last_fit)} parameters" if lost else "nothing", line))
     return cards(found)
 

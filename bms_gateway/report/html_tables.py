@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, DOUBTED, DOUBTED_FORMAT, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, MOVED, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnosis.curve import Curve
@@ -24,6 +24,8 @@ from bms_gateway.thermal import KINDS, StringModel
 from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
+DOUBTFUL = "doubtful"
+"""First word of every status that a number has because it is not to be relied on."""
 FEATURES_SHOWN = 6
 SENSORS_SHOWN, TOGETHER = 16, 12
 """Most sensors in a heat map, and most columns for which before and after are in one map."""
@@ -128,6 +130,11 @@ def at_limits(fit: MapFit) -> list[str]:
     return [called(c) for c, _, _, status in _free(fit) if status == AT_BOUND]
 
 
+def astray(fit: MapFit) -> list[str]:
+    """Labels of the numbers that moved far from what was known of them and are no better known."""
+    return [called(c) for c, _, _, status in _free(fit) if status == MOVED]
+
+
 def called(c: Coordinate) -> str:
     """Return a number of a model by its label, with its symbol in brackets."""
     name, _, record = c.name.partition("@")
@@ -181,7 +188,7 @@ def parameters_table(fit: MapFit, *, doubted: bool = False, narrow: bool = False
         value, spread = s.value(z), (s.value(z) if s.log else s.scale) * sd
         before = f"{amount(s.value(c.prior))} ± " + (f"{100 * c.sd:.0f} %" if s.log else amount(s.scale * c.sd))
         limits = s.value(c.lower), s.value(c.upper)
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT, DOUBTED, DOUBTED_FORMAT))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT, DOUBTFUL))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [

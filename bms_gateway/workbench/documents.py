@@ -114,7 +114,7 @@ def compared(c: Comparison, name: str) -> Document:
 def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
     """Describe the uncertainty of the cores, as in JSON documents, with its sentence."""
     told = core_document(core, otherwise)
-    why = [parameters_labelled(text) for text in told["why"]]
+    why = [in_words(parameters_labelled(text)) for text in told["why"]]
     return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
 
 
