@@ -161,27 +161,41 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
     return {"data": data, "layout": spec}
 
 
+NOT_MEASURED = "not measured"
+BESIDE = {"xref": "paper", "x": 0.01, "xanchor": "left", "y": 1.0, "yanchor": "top", "showarrow": False}
+"""Place of a remark in a picture with several axes."""
+
+
 def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
-    """Draw the inputs of the string: current, inlet, and, if known, charge and flow (over the nominal flow)."""
+    """Draw the inputs of the string: current, inlet, and, if known, charge and flow (over the nominal flow).
+
+    What nobody measured is dashed, and says what stands for it.
+    """
     u = m.drive
-    inlet = "inlet, °C"
-    rows = [("current, A", u.I, BLACK), (inlet, u.T_in, BLUE)]
+    rows = [("current", "current, A", u.I, BLACK), ("coolant_inlet", "inlet, °C", u.T_in, BLUE)]
     if "soc" in u.known:
-        rows.append(("SOC, %", 100.0 * u.soc, GREEN))
+        rows.append(("soc", "SOC, %", 100.0 * u.soc, GREEN))
     if "flow" in u.known and nominal_m3_s is not None and float(np.ptp(u.flow)) > FLOW_MOVES:
-        rows.append(("flow, l/min", nominal_m3_s * PER_MIN * u.flow, PURPLE))
-    data, axes = [], {}
+        rows.append(("coolant_flow", "flow, l/min", nominal_m3_s * PER_MIN * u.flow, PURPLE))
+    data, axes, said = [], {}, list[dict[str, Any]]()
     height = 1.0 / len(rows)
-    for i, (title, y, color) in enumerate(rows):
+    for i, (quantity, title, y, color) in enumerate(rows):
         suffix = "" if i == 0 else str(i + 1)
         t, few = broken(*envelope(3600.0 * u.hours, y, points), breaks_of(m))
-        one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False)
-        if title != inlet:
+        assumed = m.assumed.get(quantity, "")
+        dash = "dash" if assumed else "solid"
+        one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False, dash=dash)
+        if assumed:
+            one["meta"] = f"{NOT_MEASURED}: {assumed}"
+            said.append(
+                {**BESIDE, "text": one["meta"], "yref": f"y{suffix} domain", "font": {"color": color, "size": 12}}
+            )
+        if quantity != "coolant_inlet":
             one["line"]["shape"] = STEPS
         data.append(one)
         top = 1.0 - i * height
         axes[f"yaxis{suffix}"] = axis(title, domain=[max(top - height + 0.05, 0.0), top], nticks=4)
-    spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), **axes)
+    spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), annotations=said, **axes)
     spec["xaxis"]["anchor"] = "y" if len(rows) == 1 else f"y{len(rows)}"
     return {"data": data, "layout": spec}
 

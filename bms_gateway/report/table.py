@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.record_inputs import Columns, all_along
 from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.columns import INLET, Column, find_columns
@@ -215,6 +215,9 @@ def _read(
         lines=lines,
         notes=tuple(notes),
         dated=bool(dates) or rows.began_s is not None,
+        assumed={}
+        if (still := ours[INLET].constant if INLET in ours else None) is None
+        else {"coolant_inlet": all_along("coolant_inlet", still)},
     )
 
 
