@@ -70,6 +70,8 @@ class Record:
         Cells whose surface is in the source, but without a sensor in the model.
     assumed : mapping of quantity to str
         Inputs that nobody measured, and what stands for them, in a few words.
+    refused : mapping of cell to str
+        Cells whose thermocouple is not to be used, and why.
     unread : mapping of str to tuple of int
         Cells without usable readings of `surface` (although the model has a sensor) or of `core` (although the source
         has a column); quantities that are read on all cells are left out.
@@ -90,6 +92,7 @@ class Record:
     charge_sd: float = 0.0
     unused: tuple[int, ...] = ()
     assumed: Mapping[Quantity, str] = field(default_factory=dict)
+    refused: Mapping[int, str] = field(default_factory=dict)
     unread: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @staticmethod
@@ -190,7 +193,10 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
         charge_sd,
         tuple(sorted(set(rows.surface_C) - set(model.sensors))),
         {**rows.assumed, **({"soc": counted_from} if counted_from else {})},
-        _unread(surface=set(model.sensors) - set(surface.cells), core=set(rows.core_C) - set(core.cells)),
+        {k: rows.refused[k] for k in sorted(set(rows.refused) & set(model.sensors))},
+        _unread(
+            surface=set(model.sensors) - set(surface.cells) - set(rows.refused), core=set(rows.core_C) - set(core.cells)
+        ),
     )
 
 

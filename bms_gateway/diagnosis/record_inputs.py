@@ -94,6 +94,8 @@ class Columns:
         A², for the time of each row; otherwise the square of the rows.
     source : str
         Name of the measurements in reports and errors.
+    refused : mapping of cell to str
+        Cells whose surface was recorded and is not to be used, and why.
     assumed : mapping of quantity to str
         What stands for inputs that nobody measured, in a few words; reports and pictures tell it.
 
@@ -121,6 +123,7 @@ class Columns:
     mean_square_current: Floats | None = None
     source: str = "arrays"
     assumed: Mapping[Quantity, str] = field(default_factory=dict)
+    refused: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         rows = self._row("time_s", self.time_s, None)
