@@ -327,6 +327,7 @@ def _correlation(x: Floats, q: Floats) -> float:
 
 
 def follow_sentence(node: Node, heats: Sequence[Heat], follows: Sequence[Follow], *, missing: bool) -> str:
+    """Say how much heat is missing and what it follows, the features in the order of what they explain."""
     if not missing:
         return "No heat is missing that the readings could show."
     size = float(np.sqrt(np.mean([h.rms_W**2 for h in heats if h.node == node])))
