@@ -29,9 +29,14 @@ def shown(fit: MapFit) -> list[int]:
     return [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
 
 
-def together(fit: MapFit) -> list[str]:
-    """List the pairs of numbers that are hardly known apart, with their correlation, the strongest first."""
+def together(fit: MapFit, *, short: bool = False) -> list[str]:
+    """List the pairs of numbers that are hardly known apart, with their correlation, the strongest first.
+
+    `short`: by their symbols alone.
+    """
     names, r = correlations(fit)
+    if short:
+        names = [fit.problem.coordinates[i].name.replace("@", " of record ") for i in shown(fit)]
     pairs = [(float(r[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(r[i, j]) > APART]
     pairs.sort(key=lambda p: -abs(p[0]))
     return [f"{names[i]} and {names[j]}: {_number(x)}" for x, i, j in pairs]

@@ -34,6 +34,10 @@ ROAD = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 """Colours of the steps in their order, as on the page: from the file, refitted, one for each addition."""
 HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
 """Colours of the cells whose missing heat is drawn."""
+MAP_COLUMNS, MAP_ROW_PX, MAP_LEAST_PX, MAP_MOST_PX = 150, 16, 90, 640
+"""Columns of a map of the residual, height of its rows, and limits of its height."""
+MAP_COLORS = [[0.0, "#3c8cd2"], [0.5, "#ffffff"], [1.0, "#e68c00"]]
+"""As in the tables by regime: blue for less than the model, orange for more."""
 HEAT_PX, FEATURE_PX, GAP_PX = 165, 95, 18
 EDGES_PX = 76
 """Above and below the panels of a figure."""
@@ -159,6 +163,35 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
     )
     spec["xaxis"]["anchor"] = "y2"
     return {"data": data, "layout": spec}
+
+
+def residual_map(traces: Sequence[Trace], m: Measured, clock: Clock) -> Figure:
+    """Draw the residual of several sensors over time as a map: means over equal stretches, K.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+        Of one record, each with one model.
+    m : Measured
+        The record.
+    clock : Clock
+    """
+    ends = instants_of(m)
+    edges = np.linspace(float(ends[0]), float(ends[-1]), MAP_COLUMNS + 1)
+    rows: list[list[float | None]] = []
+    for t in traces:
+        left = t.measured - t.models[0]
+        at = np.clip(np.searchsorted(edges, t.time_s, "right") - 1, 0, MAP_COLUMNS - 1)
+        n = np.bincount(at, minlength=MAP_COLUMNS)
+        mean = np.bincount(at, left, MAP_COLUMNS) / np.where(n > 0, n, np.nan)
+        rows.append(numbers(mean, 2 if t.sigma_K > COARSE_K else 3))
+    most = max((abs(x) for row in rows for x in row if x is not None), default=0.0) or 1.0
+    one = {"type": "heatmap", "x": clock(0.5 * (edges[1:] + edges[:-1])), "y": [str(t.cell) for t in traces], "z": rows}
+    bar = {"thickness": 10, "title": {"text": "K"}}
+    one |= {"zmin": -most, "zmax": most, "colorscale": MAP_COLORS, "colorbar": bar, "hoverongaps": False}
+    height = int(np.clip(MAP_ROW_PX * len(traces), MAP_LEAST_PX, MAP_MOST_PX)) + EDGES_PX
+    cells = axis("cell", type="category", autorange="reversed", showgrid=False)
+    return {"data": [one], "layout": layout(height, m, clock, yaxis=cells)}
 
 
 NOT_MEASURED = "not measured"
