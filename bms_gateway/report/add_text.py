@@ -149,7 +149,7 @@ def add_text(r: AddReport) -> str:
     parts = [
         labelled(f"{r.tag}. {headline(r)}"),
         *warned(r.findings, several),
-        f"Before: {REFITTED}. After: {with_added(named_all(c.key for c in r.added))}.",
+        f"Before: {REFITTED}. After: {with_added(named_all(c.key for c in r.added), forced=r.forced)}.",
         _errors(r, several),
         _cores(r),
         labelled(core_text(r.after.core)),

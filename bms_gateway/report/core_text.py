@@ -119,7 +119,8 @@ def outside(check: CoreCheck) -> bool:
 
 def thermocouple_sentence(check: CoreCheck) -> str:
     """State the error of a model against a thermocouple in a core that was not fitted."""
-    said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
+    of = f" of {check.source.replace(chr(92), '/').rpartition('/')[2]}" if check.source else ""
+    said = f"Thermocouple in the core of cell {check.cell}{of}, never fitted to: {number(check.rmse_K)} K off"
     share = 100.0 * (1.0 - check.covered)
     if share < SEEN:
         return f"{said}, within the 95 % band."

@@ -246,7 +246,7 @@ def write_addition(
         As for `write_page`.
     """
     aside = Aside(report.sources, report.findings, report.notes, command, remains)
-    names = (step, with_added(named_all(c.key for c in addition.added)))
+    names = (step, with_added(named_all(c.key for c in addition.added), forced=report.forced))
     models = [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
     against = [in_words(f"Not added: {report.refused}.")] if report.refused and not report.forced else []

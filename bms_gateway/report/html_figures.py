@@ -186,8 +186,13 @@ def residual_map(traces: Sequence[Trace], m: Measured, clock: Clock) -> Figure:
         mean = np.bincount(at, left, MAP_COLUMNS) / np.where(n > 0, n, np.nan)
         rows.append(numbers(mean, 2 if t.sigma_K > COARSE_K else 3))
     most = max((abs(x) for row in rows for x in row if x is not None), default=0.0) or 1.0
-    one = {"type": "heatmap", "x": clock(0.5 * (edges[1:] + edges[:-1])), "y": [str(t.cell) for t in traces], "z": rows}
-    bar = {"thickness": 10, "title": {"text": "K"}}
+    one: dict[str, Any] = {
+        "type": "heatmap",
+        "x": clock(0.5 * (edges[1:] + edges[:-1])),
+        "y": [str(t.cell) for t in traces],
+        "z": rows,
+    }
+    bar: dict[str, Any] = {"thickness": 10, "title": {"text": "K"}}
     one |= {"zmin": -most, "zmax": most, "colorscale": MAP_COLORS, "colorbar": bar, "hoverongaps": False}
     height = int(np.clip(MAP_ROW_PX * len(traces), MAP_LEAST_PX, MAP_MOST_PX)) + EDGES_PX
     cells = axis("cell", type="category", autorange="reversed", showgrid=False)

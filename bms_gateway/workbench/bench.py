@@ -12,6 +12,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bms_gateway.config.model_file import format_model, parse_model, read_model
 from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
 from bms_gateway.diagnosis.compare import Comparison, compare
@@ -186,7 +188,7 @@ class Bench:
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
         opened = Files.of(files)
         told_of = [
-            about(Path(t), opened.of_table(k), r)
+            {**about(Path(t), opened.of_table(k), r), "heard": _heard(rows[k][0], r)}
             for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
         ]
         document = documents.opened(self._filed, self._records, findings, notes, told_of)
@@ -311,6 +313,11 @@ class Bench:
             how = command if kind == "compare" else ""
             write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
         return {"path": str(path)}
+
+
+def _heard(rows: Columns, record: Record) -> int:
+    """Count the readings of a file at the cells that a record has."""
+    return sum(int(np.isfinite(rows.surface_C[k]).sum()) for k in record.cells)
 
 
 def _named(text: str, folder: Path) -> str:

@@ -61,7 +61,7 @@ def opened(
     records : sequence of Record
     findings, notes : sequence of (source, …)
     about : sequence of dict
-        Of each record, from `tracks`.
+        Of each record, from `tracks`, and the number of readings of its file as `heard`.
     """
     order = list(WEIGHTS)
     checks = sorted(findings, key=lambda f: order.index(f[1].severity))
@@ -76,6 +76,7 @@ def opened(
                 "source": r.source,
                 "minutes": float(r.instants[-1] - r.instants[0]) / 60.0,
                 "readings": len(r.y),
+                "means_s": r.drive.dt,
                 "cells": list(r.cells),
                 "core": len(r.core.y) > 0,
                 **about[k],
@@ -260,7 +261,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     return {
         "words": list(words),
         "names": named_all(c.key for c in report.added),
-        "step": with_added(named_all(c.key for c in report.added)),
+        "step": with_added(named_all(c.key for c in report.added), forced=report.forced),
         "kept": report.written,
         "forced": report.forced,
         "refused": in_words(report.refused),

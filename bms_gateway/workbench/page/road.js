@@ -1,9 +1,10 @@
 // The panels of the road: open, compare, diagnose, add, take away.
-import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many, sentence } from "./util.js";
+import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many, sentence, wide } from "./util.js";
 import * as columns from "./open.js";
 import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
 import { noteBox, noted, withNotes } from "./notes.js";
+import { opened } from "./records.js";
 
 let state = null;
 export const busy = () => Boolean(state?.job);
@@ -28,7 +29,7 @@ const fold = (id, title, ...inside) =>
 // In narrow places a long symbol may be broken after its points and underscores.
 const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/\S{12,}/g, (word) => word.replace(/[._]/g, "$&<wbr>")));
 const softly = (text) => text.split(/(?<=[._])(?=\S)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));
-const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
+const scroll = (name, html) => wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) }));
 
 export function prepare() {
   $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
@@ -182,7 +183,7 @@ export function show(next) {
   $("what").hidden = !state.opened;
   document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
-  doubt(); opened(); compare(); verdict(); adding(); away();
+  doubt(); opened(state, fold, (string) => { $("string").value = string; typed(); $("open-form").requestSubmit(); }); compare(); verdict(); adding(); away();
   settle();
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
 }
@@ -201,25 +202,6 @@ function doubt() {
     top?.remains && el("span", { title: top.remains }, "Something unknown remains. "),
     top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
     ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
-}
-
-function opened() {
-  const o = state.opened;
-  $("opened").replaceChildren();
-  if (!o) return;
-  const several = o.records.length > 1;
-  const by = (x) => (several ? `${short(x.record)}: ` : "");
-  $("opened").append(
-    ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
-    ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
-    el("h3", {}, "Records"),
-    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(r.minutes < 10 ? 1 : 0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
-    el("h3", {}, "Direct checks"),
-    o.checks.length
-      ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, sentence(`${c.weight}: `)), by(c) + c.sentence)))
-      : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
-    o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + sentence(n.note))))) : "",
-  );
 }
 
 const none = (text) => [el("p", { class: "muted" }, text)];
@@ -361,7 +343,7 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
-  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.forced ? " (by force)" : s.core?.proven === false ? " (core not proven)" : ""}`]));
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.core?.proven === false ? " (core not proven)" : ""}`]));
   barsWorse.replaceChildren(...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
@@ -419,7 +401,7 @@ function adding() {
   if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " Hatched: the surface may be better, the core is not proven."));
   const way = el("ol", { class: "way" });
   for (const s of state.steps) {
-    const item = el("li", {}, s.name, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+    const item = el("li", {}, s.forced ? el("b", { class: "alarm" }, s.name) : s.name);
     if (s.worse) item.append(el("br"), el("b", { class: "danger worse" }, s.worse));
     if (s.remains) item.append(el("br"), el("b", { class: "alarm" }, s.remains));
     if (s.told) {
