@@ -235,7 +235,8 @@ def heat_map(models: Sequence[Shown]) -> str:
     note += "Neither: less than what would count against the model."
     if len(columns) < len(first):
         note += f" The {len(columns)} cells with the largest errors."
-    if len(columns) * len(models) > TOGETHER:  # wider than a page: one map per model
+    # wider than a page, or more than before and after: one map per model
+    if len(columns) * len(models) > TOGETHER or len(models) > 2:
         tables = [_heat_table([m], features, columns, largest, m.name) for m in models]
         return f'<p class="muted">{escape(note)}</p>' + "".join(tables)
     note += f" Before and after: {' and '.join(m.name for m in models)}." if len(models) > 1 else ""

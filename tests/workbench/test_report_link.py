@@ -30,6 +30,12 @@ def made(page, folder):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+def drawn(text):
+    """Models in a figure of the report, in their order."""
+    names = [d["name"] for d in Page(text).figures(text)["overlay-1-1"]["data"]]
+    return [n for n in dict.fromkeys(names) if n != "measured"]
+
+
 def test_the_link_opens_a_report_of_what_is_shown(window, tmp_path):
     pack = make_pack(tmp_path, seconds=800)
     with served(tmp_path, *pack.words) as url:
@@ -56,5 +62,17 @@ def test_the_link_opens_a_report_of_what_is_shown(window, tmp_path):
         text = made(page, tmp_path / "second")
         assert "Model with an effect added" in Page(text).text
         assert ADDED in Page(text).text
+        assert drawn(text) == ["from its file", "refitted", ADDED]  # the steps that are ticked
         assert re.search(r"the held-out error falls from [0-9.]+ to [0-9.]+ K", Page(text).text)
+        page.click("#step-0")
+        page.idle(FIT_S)
+        assert drawn(made(page, tmp_path / "third")) == ["refitted", ADDED]
+        page.click("#step-0")
+        page.click("#tab-diagnose")
+        page.click("#diagnose")
+        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        page.idle(FIT_S)
+        text = made(page, tmp_path / "fourth")
+        assert "Which effect is the model missing?" in Page(text).text
+        assert drawn(text)[:2] == ["from its file", ADDED]
         assert page.complaints() == []
