@@ -200,8 +200,8 @@ def residual_map(traces: Sequence[Trace], m: Measured, clock: Clock) -> Figure:
 
 
 NOT_MEASURED = "not measured"
-BESIDE = {"xref": "paper", "x": 0.01, "xanchor": "left", "y": 1.0, "yanchor": "top", "showarrow": False}
-"""Place of a remark in a picture with several axes."""
+BESIDE = {"xref": "paper", "x": 0.01, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "showarrow": False}
+"""Place of a remark in a picture with several axes: in the gap above its own, where no curve is."""
 
 
 def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
