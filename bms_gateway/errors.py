@@ -98,6 +98,17 @@ def clipped(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 21]} … {text[-18:]}"
 
 
+def signed(x: float, digits: int = 1) -> str:
+    """Write a number with its sign, a true minus.
+
+    Examples
+    --------
+    >>> signed(-12.24), signed(3.8), signed(-8.0, 0)
+    ('−12.2', '+3.8', '−8')
+    """
+    return f"{x:+.{digits}f}".replace("-", "−")
+
+
 def counted(count: int, one: str, many: str = "") -> str:
     """Write a count with its noun, singular or plural.
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
 from bms_gateway.diagnosis.bounds import at_bound
-from bms_gateway.diagnosis.calibrate import UNTOLD, identify, starting_with
+from bms_gateway.diagnosis.calibrate import UNTOLD, identify, moved, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnosis.error_words import UNKNOWN, falls, why_not
+from bms_gateway.diagnosis.error_words import UNKNOWN, falls, rises, why_not
 from bms_gateway.diagnosis.filed import seen_on
 from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.record import Record
@@ -232,7 +232,7 @@ def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
         odds = min(s.log_odds for s in d.selected)
         after = d.search.final
         tied = {s.candidate.key: s.tied_with for s in d.selected}
-        return Step(tuple(named), after, odds, _unbelievable(after, named), "", _doubts(d), tied)
+        return Step(tuple(named), after, odds, unbelievable(after, named), "", _doubts(d), tied)
     return _fitted_alone(d, wants)
 
 
@@ -298,7 +298,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     s = Settings()
     before = after = d.search.baseline
     problem = before.problem
-    y = stacked(problem)[0]
+    y, _, _, _, used = stacked(problem)
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
     offered = candidates(problem.model, problem.records[0].drive, surfaces)
     named = [x.candidate for x in d.selected]
@@ -312,14 +312,19 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     inflation = structure(after).inflation
     odds = (after.log_evidence - before.log_evidence) / inflation
     odds += sum(prior_odds(c, offered) for c in added) - HALF
-    refused = _unbelievable(after, added)
+    refused = unbelievable(after, added)
     remark = ""
     tied = {x.candidate.key: x.tied_with for x in d.selected if x.candidate in added}
     if all(any(w.meets(c) for c in named) for w in wants):
         keys = " ".join(c.key for c in named)
         others = " and ".join(c.key for c in named if not any(w.meets(c) for w in wants))
         remark = f"These records ask for {others} as well."
-        refused = refused and f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
+        held_K = rmse(before, ~used), rmse(after, ~used)
+        refused = refused or (why_not(*held_K) if rises(*held_K) else "")
+        if refused and unbelievable(d.search.final, named):  # all at once are refused too
+            refused = f"alone, {refused}; these records ask for {others} as well"
+        elif refused:
+            refused = f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
     else:
         refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants, before, after)
         them = ", ".join(c.key for c in named)
@@ -368,13 +373,13 @@ def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after:
     return f"these records speak for {' and '.join(x.candidate.key for x in d.selected)} instead"
 
 
-def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
+def unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
     """Say which number of an added effect is not plausible."""
     sd = np.sqrt(np.diag(posterior(fit)))
     for c in added:
         if said := at_bound(fit, c):
             return f"{said}: not believed"
-        told = []
+        told, off = [], False
         for p in c.effect.parameters:
             name = f"{c.key}.{p.name}"
             names = [x.name for x in fit.problem.coordinates]
@@ -383,6 +388,9 @@ def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
             i = names.index(name)
             if p.neutral is not None:
                 told.append(sd[i] < UNTOLD * fit.problem.coordinates[i].sd)
+                off |= moved(fit.problem.coordinates[i], float(fit.theta[i]))
+        if told and not any(told) and off:
+            return "its size moved far from what was known of it, and is no better known: not believed"
         if told and not any(told):
             return "not identifiable: the data say no more of its size than was known before"
     return ""

@@ -17,7 +17,7 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_windows import keeping, learned, untaught
 from bms_gateway.diagnosis.residuals import rmse, structured
 from bms_gateway.identify.contract import FIXED
-from bms_gateway.identify.coordinates import OWN
+from bms_gateway.identify.coordinates import OWN, Coordinate
 from bms_gateway.identify.map_fit import TO_THE_END, FitEffort, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
@@ -33,6 +33,10 @@ AGAINST_FORMAT = "against the cell's format: not believed"
 DOUBTED_FORMAT = "doubtful: unlike the cell's format"
 DOUBTED = "doubtful: the model lacks something"
 """Status instead of `identified` if the readings show a model error beyond what the sd allow for."""
+MOVED = "doubtful: moved from what was known, yet no better known"
+"""Status instead of `not identifiable` if the mean left what was known: the readings say something, and it is odd."""
+MOVED_SD = 2.0
+"""Distance of a number from its prior, in sd of the prior, from which it has moved: one in twenty."""
 LAST_DIGITS = FitEffort(60, least_gain=1e-3, refinements=REFINEMENTS)
 """Least gain for the numbers of a model with effects: in a long flat valley the core still moves by a kelvin at the
 usual one."""
@@ -410,6 +414,8 @@ def _status(fit: MapFit, i: int, sd: float, odd: Mapping[str, bool], doubted: bo
     if fit.at_bound(c.name):
         return AT_BOUND
     if sd > UNTOLD * c.sd:
+        if moved(c, float(fit.theta[i])):
+            return MOVED
         if c.effect is None and c.sd <= FIRM:
             return f"{UNIDENTIFIABLE}: known to {100.0 * c.sd:.2g} % beforehand"
         return f"{UNIDENTIFIABLE}: the data say no more than was known"
@@ -418,6 +424,11 @@ def _status(fit: MapFit, i: int, sd: float, odd: Mapping[str, bool], doubted: bo
     if doubted:
         return DOUBTED
     return "weakly identified" if sd > WEAK * c.sd else "identified"
+
+
+def moved(c: Coordinate, z: float) -> bool:
+    """Whether a number left what was known of it before the data."""
+    return abs(z - c.prior) > MOVED_SD * c.sd
 
 
 def _rounded(x: Floats, to_si: float) -> Floats:

@@ -11,6 +11,8 @@ from bms_gateway.thermal import Floats
 
 APART = 0.05
 """Share of the capacity by which counted and recorded charge may differ; a greater difference is reported."""
+COUNTED, COUNTED_FROM_NOTHING = "counted, its start by the voltage", "counted from an assumed start"
+"""Sources of a charge that nobody measured."""
 EXPLAINED = 0.8
 """Least share of the drift that a cause must explain to be named."""
 
@@ -22,8 +24,8 @@ def state_of_charge(
     capacity_Ah: float | None,
     notes: list[str],
     terminal: Terminal | None = None,
-) -> tuple[Floats | None, float]:
-    """Return the state of charge at the middle of each interval, and the sd of its level.
+) -> tuple[Floats | None, float, str]:
+    """Return the state of charge at the middle of each interval, the sd of its level, and where it comes from.
 
     Parameters
     ----------
@@ -45,11 +47,13 @@ def state_of_charge(
         0…1; None without a recorded charge and without a capacity.
     sd : float
         sd of the level of a counted charge; 0 for a recorded one.
+    assumed : str
+        Where a counted charge comes from, in a few words; empty for a recorded one.
     """
     if capacity_Ah is None:
         if recorded is None:
             notes.append("SOC: not recorded, nor countable without cell.capacity_Ah in the model file.")
-        return recorded, 0.0
+        return recorded, 0.0, ""
     counted = _counted(current, grid, capacity_Ah)
     parts = [slice(a, b) for a, b in pairwise([0, *grid.gaps, len(current)])]
     if recorded is None:
@@ -65,8 +69,8 @@ def state_of_charge(
                 f"SOC: the recorded one and the counted one drift apart by {100.0 * drift:.0f} %"
                 f"{_cause(apart, hours, counted[p], capacity_Ah)}; the recorded one is used."
             )
-            return recorded, 0.0
-    return np.clip(out, 0.0, 1.0), 0.0
+            return recorded, 0.0, ""
+    return np.clip(out, 0.0, 1.0), 0.0, ""
 
 
 def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
@@ -78,14 +82,14 @@ def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
 
 def _at_a_level(
     counted: Floats, parts: list[slice], current: Floats, grid: Grid, terminal: Terminal | None, notes: list[str]
-) -> tuple[Floats | None, float]:
+) -> tuple[Floats | None, float, str]:
     """Set the level of each part by the voltage, otherwise by the capacity."""
     if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
         notes.append(
             f"SOC: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
             "cell.capacity_Ah: not used."
         )
-        return None, 0.0
+        return None, 0.0, ""
     out, levels = counted.copy(), []
     for p in parts:
         level = None if terminal is None else by_voltage(counted, p, current, grid, terminal)
@@ -94,7 +98,8 @@ def _at_a_level(
     notes.append(f"SOC: counted from the current; {_told(levels)}.")
     weight = np.array([p.stop - p.start for p in parts], dtype=np.float64)
     sd = float(np.sqrt(np.average([x.sd**2 for x in levels], weights=weight)))
-    return np.clip(out, 0.0, 1.0), sd
+    by_voltage_alone = all(x.told_by != "capacity" for x in levels)
+    return np.clip(out, 0.0, 1.0), sd, COUNTED if by_voltage_alone else COUNTED_FROM_NOTHING
 
 
 def _told(levels: list[Level]) -> str:

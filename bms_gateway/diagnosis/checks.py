@@ -105,6 +105,8 @@ def _length(r: Record, model: StringModel) -> Iterator[Finding]:
 def _readings(r: Record, _: StringModel) -> Iterator[Finding]:
     if r.unused:
         yield Finding("unused_readings", "warn", unused_sentence(r.unused))
+    for cell, why in r.refused.items():
+        yield Finding("refused_sensor", "warn", f"The readings of cell {cell} are not fitted: {why.rstrip('.')}.")
     for what, cells in r.unread.items():
         yield Finding("no_readings", "warn", unread_sentence(what, cells))
     fitted = max(int(np.sum(~r.held & (r.sensor == j))) for j in range(len(r.cells)))

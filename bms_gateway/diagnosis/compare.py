@@ -45,6 +45,8 @@ class CoreCheck:
     covered : float
         Share of the readings within 1.96 sd; the sd contains the band and the uncertain position of the thermocouple.
     time_s, measured : ndarray (K,)
+    source : str
+        Name of the record if there are several; otherwise empty.
     """
 
     record: int
@@ -54,6 +56,7 @@ class CoreCheck:
     covered: float
     time_s: Floats
     measured: Floats
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +203,8 @@ def core_checks(records: Sequence[Record], fit: MapFit, bands: Sequence[CoreBand
     bands : sequence of CoreBand
         Of the fit.
     """
-    return tuple(c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
+    found = (c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
+    return tuple(replace(c, source=records[c.record].source) if len(records) > 1 else c for c in found)
 
 
 def _core_checks(record: Record, fit: MapFit, r: int, band: CoreBand) -> list[CoreCheck]:

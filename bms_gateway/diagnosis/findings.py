@@ -1,6 +1,7 @@
 """Results of a comparison in plain sentences."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,8 @@ TOGETHER = 4
 """Least number of cells with the same pattern that share one sentence."""
 TOGETHER_CONSTANT = 2
 """The same for a constant error: separate sentences would give no further information."""
+MANY_SENTENCES = 2
+"""Least number of sentences that one on a course along the coolant must replace."""
 SHORT_S = 120.0
 """Shorter times are given in tenths of a minute."""
 LARGE_CORE_K = 1.0
@@ -46,7 +49,10 @@ def sensor_sentences(
     fine = [s.cell for s in sensors if not s.disagrees]
     if not bad:
         return ("The model agrees with every sensor to within its noise.",)
-    found = [text for group in _patterns(bad) for text in _told(group, len(sensors))]
+    course = _course(bad, len(sensors))
+    found = [course.text] if course else []
+    rest = [s for s in bad if course is None or s.cell not in course.cells]
+    found += [text for group in _patterns(rest) for text in _told(group, len(sensors))]
     if fine:
         found.append(f"The model agrees with {cells_in_words(fine)} to within the noise.")
     if explained:
@@ -133,6 +139,38 @@ def refit_sentences(before: tuple[float, float], after: tuple[float, float], lac
     return (said,)
 
 
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """A mean error that grows or falls along the coolant: one pattern of these cells, whatever its signs."""
+
+    cells: frozenset[int]
+    text: str
+
+
+def _course(bad: Sequence[Sensor], cells: int) -> _Course | None:
+    """Find the course of the mean error along the coolant where it saves sentences; one cell may stand out of it."""
+    mean = {s.cell: s.regimes[0].bins[0] for s in sorted(bad, key=lambda s: s.cell)}
+    if not any(b.significant for b in mean.values()):
+        return None
+    way = along({k: b.mean_K for k, b in mean.items()})
+    if not way and len(mean) > TOGETHER:
+        line = np.polyfit(list(mean), [b.mean_K for b in mean.values()], 1)
+        mean.pop(max(mean, key=lambda k: abs(mean[k].mean_K - np.polyval(line, k))))
+        way = along({k: b.mean_K for k, b in mean.items()})
+    same = [s for s in bad if s.cell in mean]
+    if not way or len(mean) <= TOGETHER or sum(len(_told(group, cells)) for group in _patterns(same)) < MANY_SENTENCES:
+        return None
+    (first, one), *_, (last, other) = mean.items()
+    text = (
+        f"The mean error of {cells_in_words(list(mean))} {'grows' if 'growing' in way else 'falls'} along the coolant: "
+        f"cell {first} reads {_amount(one.mean_K)} than the model, cell {last} {_amount(other.mean_K)}."
+    )
+    worst = max(same, key=lambda s: s.structured_K)
+    regime, strong = _strongest(worst)
+    own = f" {_misfit(worst)}" if regime is not None and strong is not None and regime.feature != "always" else ""
+    return _Course(frozenset(mean), text + own)
+
+
 def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
     """Group sensors with the same pattern of errors, the worst pattern and its worst sensor first."""
     groups: dict[tuple[str, bool, str], list[Sensor]] = {}
@@ -156,7 +194,7 @@ def _told(group: Sequence[Sensor], cells: int) -> list[str]:
     who = "All cells" if len(group) == cells else f"{len(group)} cells ({runs(order)})"
     if found[0][1] is None or found[0][2] is None:
         most = span(abs(s.worst.error_K) for s in group)
-        return [f"{who} are up to {most} K off over half a minute, and no single regime explains it."]
+        return [f"{who} are up to {most} K off over half a minute, and no single regime explains {_how_much(group)}."]
     strong = {s.cell: b for s, _, b in found if b is not None}
     size = {k: abs(b.mean_K) for k, b in strong.items()}
     amount = f"{span(size.values())} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
@@ -179,7 +217,9 @@ def _place(bins: Sequence[Bin], one: Bin) -> str:
 def _strongest(s: Sensor) -> tuple[Regime | None, Bin | None]:
     """Find the regime that explains a sensor's error best, and its bin with the largest error; None if none does."""
     always, *others = s.regimes
-    best = next((r for r in others if r.share > WORTH), None)
+    best = next((r for r in others if r.share > WORTH and any(b.significant for b in r.bins)), None)
+    if best is None and always.share > WORTH and always.bins[0].significant:
+        return always, always.bins[0]
     if always.share > 0.5 and always.bins[0].significant and (best is None or best.share < always.share):
         return always, always.bins[0]
     if best is None:
@@ -194,11 +234,16 @@ def _misfit(s: Sensor) -> str:
     if regime is None or strong is None:
         return (
             f"{who} is up to {abs(s.worst.error_K):.2g} K off over half a minute "
-            f"(structured error {s.structured_K:.2g} K rms), and no single regime explains it."
+            f"(structured error {s.structured_K:.2g} K rms), and no single regime explains {_how_much([s])}."
         )
     if regime.feature == "always":
         return f"{who} reads {_amount(strong.mean_K)} than the model on average."
     return f"{who} reads {_amount(strong.mean_K)} than the model {strong.label}{_contrast(regime.bins, strong)}"
+
+
+def _how_much(group: Sequence[Sensor]) -> str:
+    """Of the error: a mean of some regime may be no chance, and yet be little of it."""
+    return "much of it" if any(b.significant for s in group for r in s.regimes for b in r.bins) else "it"
 
 
 def _contrast(bins: Sequence[Bin], strong: Bin) -> str:

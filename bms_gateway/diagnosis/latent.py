@@ -43,6 +43,8 @@ START_W = 5.0
 FOLLOWS = 0.3
 """Least share of the misfit that a feature must explain to be named."""
 MISSING_Z = 6.0
+APART = 3.0
+"""Tempered log-odds, 20 to 1, by which a feature must explain more than another to be told apart from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +83,10 @@ class Follow:
     feature, title, unit : str
     share : float
         Share of the misfit above the noise, 0…1, with all numbers of the fit refitted.
+    odds : float
+        Tempered log-odds of that heat against none.
     slope : float
-        W per unit.
+        W per unit; negative for less heat than the model has.
     correlation : float
         Correlation of the feature with the heat over time, for a scatter plot.
     values : tuple of ndarray
@@ -94,6 +98,7 @@ class Follow:
     title: str
     unit: str
     share: float
+    odds: float
     slope: float
     correlation: float
     values: tuple[Floats, ...]
@@ -122,6 +127,16 @@ class Latent:
     follows: tuple[Follow, ...]
     sentence: str
 
+    @property
+    def alike(self) -> tuple[Follow, ...]:
+        """The features that explain the misfit best and cannot be told apart: one, if it is the only one."""
+        return alike(self.follows)
+
+
+def alike(follows: Sequence[Follow]) -> tuple[Follow, ...]:
+    """Return the first of some features, and those that explain the misfit nearly as well."""
+    return tuple(f for f in follows if follows[0].odds - f.odds < APART)
+
 
 def latent(fit: MapFit) -> Latent:
     """Find the missing heat of a fit."""
@@ -129,13 +144,13 @@ def latent(fit: MapFit) -> Latent:
     nodes: tuple[Node, Node] = ("core", "surface")
     solved = {node: _deconvolved(fit, node) for node in nodes}
     odds = (solved["core"][1] - solved["surface"][1]) / s.inflation
-    asked = [f for node in nodes for f in _follows(fit, node, solved[node][0])]
-    follows = tuple(sorted(asked, key=lambda f: -f.share))
+    asked = [f for node in nodes for f in _follows(fit, node, solved[node][0], s.inflation)]
+    follows = tuple(sorted(asked, key=lambda f: -f.odds))
     heats = (*solved["core"][0], *solved["surface"][0])
     node: Node = "core" if odds > 0.0 else "surface"
     if follows[0].share > FOLLOWS:  # a free curve fits at core and surface alike; a feature fits at one of them only
         node = follows[0].node
-    return Latent(heats, node, odds, follows, _sentence(node, heats, follows, missing=s.z > MISSING_Z))
+    return Latent(heats, node, odds, follows, follow_sentence(node, heats, follows, missing=s.z > MISSING_Z))
 
 
 def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
@@ -251,7 +266,7 @@ def _features(u: Drive, T_s: Floats, T_c: Floats) -> dict[str, tuple[str, str, F
     return found
 
 
-def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
+def _follows(fit: MapFit, node: Node, heats: Sequence[Heat], inflation: float) -> list[Follow]:
     """Compute the share of the misfit for a heat proportional to each feature, equal in all cells."""
     tables = [_table(fit, r) for r in range(len(fit.problem.records))]
     names = [n for n in tables[0] if all(n in t and float(np.abs(t[n][2]).max()) > 0.0 for t in tables)]
@@ -270,14 +285,18 @@ def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
     factor = scipy.linalg.cho_factor(fit.H)
     S = np.sum(J * J, axis=0) - np.sum(cross * scipy.linalg.cho_solve(factor, cross), axis=0)
     slopes = (J.T @ r - cross.T @ scipy.linalg.cho_solve(factor, rest)) / np.maximum(S, 1e-12)
-    excess = max(float(r @ r) - float(used.sum()), 1.0)
+    # what noise alone leaves of this: one for each mean of readings, less where some of them are held out
+    one = np.ones(len(used))
+    white = float(np.sum(fit.gathered(np.where(used, one, 0.0)) / fit.gathered(one)))
+    excess = max(float(r @ r) - white, 1.0)
     found = []
     for i, name in enumerate(names):
         title, unit, _ = tables[0][name]
         values = tuple(_at_knots(fit, h, tables[h.record][name][2]) for h in heats)
-        share = min(float(slopes[i] ** 2 * S[i]) / excess, 1.0)
+        gain = float(slopes[i] ** 2 * S[i])
+        share, odds = min(gain / excess, 1.0), 0.5 * gain / inflation
         correlation = _correlation(np.concatenate(values), np.concatenate([h.heat_W for h in heats]))
-        found.append(Follow(node, name, title, unit, share, float(slopes[i]), correlation, values))
+        found.append(Follow(node, name, title, unit, share, odds, float(slopes[i]), correlation, values))
     return found
 
 
@@ -307,15 +326,39 @@ def _correlation(x: Floats, q: Floats) -> float:
     return float(np.corrcoef(x, q)[0, 1])
 
 
-def _sentence(node: Node, heats: Sequence[Heat], follows: Sequence[Follow], *, missing: bool) -> str:
+def follow_sentence(node: Node, heats: Sequence[Heat], follows: Sequence[Follow], *, missing: bool) -> str:
+    """Say how much heat is missing and what it follows, the features in the order of what they explain."""
     if not missing:
         return "No heat is missing that the readings could show."
     size = float(np.sqrt(np.mean([h.rms_W**2 for h in heats if h.node == node])))
     where = "in the cores" if node == "core" else "at the surfaces"
-    if follows[0].share > FOLLOWS:
+    same = alike(follows)
+    if follows[0].share > FOLLOWS and len(same) == 1:
         f = follows[0]
+        less = "" if f.slope > 0.0 else "less "
+        than = "" if f.slope > 0.0 else " than modelled"
         return (
-            f"{100.0 * f.share:.0f} % of the misfit goes with a heat {where} that follows {f.title} "
-            f"({f.slope:+.2g} W per {f.unit})."
-        ).replace(" per W)", ")")
+            f"{100.0 * f.share:.0f} % of the misfit goes with {less or 'a '}heat {where}{than} that follows {f.title} "
+            f"({watts(f.slope, f.unit)})."
+        )
+    if follows[0].share > FOLLOWS:
+        titles = list(dict.fromkeys(f.title for f in same))
+        which = f": {', '.join(titles[:-1])} and {titles[-1]} explain it alike" if len(titles) > 1 else ""
+        if len({f.node for f in same}) > 1:
+            where = "in the cores or at the surfaces"
+        return f"The misfit goes with heat {where}; these readings do not tell what it follows{which}."
     return f"The readings ask for {size:.2g} W (rms) more or less heat {where}; it follows no single feature."
+
+
+def watts(slope: float, unit: str) -> str:
+    """Write a heat for each unit of what it follows: more or less than modelled, in W, mW or µW.
+
+    Examples
+    --------
+    >>> watts(0.0084, "A²"), watts(-1.87e-5, "A²"), watts(-0.081, "A"), watts(1.4, "W")
+    ('8.4 mW per A² more', '19 µW per A² less', '81 mW per A less', '1.4 W more')
+    """
+    size = abs(slope)
+    scale, name = next(((k, n) for k, n in ((1.0, "W"), (1e3, "mW"), (1e6, "µW")) if size * k >= 1.0), (1e9, "nW"))
+    per = "" if unit == "W" else f" per {'unit' if unit == '1' else unit}"
+    return f"{float(f'{size * scale:.2g}'):g} {name}{per} {'more' if slope > 0.0 else 'less'}"

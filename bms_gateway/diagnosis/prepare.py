@@ -85,6 +85,7 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
         start,
         start_sd,
         record.source,
+        {str(quantity): said for quantity, said in record.assumed.items()},
     )
 
 

@@ -23,6 +23,7 @@ from bms_gateway.diagnosis.grid import Grid, lay_grid
 from bms_gateway.diagnosis.record_inputs import Columns, Sampling, Signals, draw_inputs
 from bms_gateway.diagnosis.surface_readings import FEWEST, Readings, gather_readings
 from bms_gateway.errors import DataError, counted
+from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.identify.sensor_noise import Noise, estimate_noise
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
@@ -67,6 +68,10 @@ class Record:
         sd of the level of the state of charge, 0…1; 0 if the charge was recorded.
     unused : tuple of int
         Cells whose surface is in the source, but without a sensor in the model.
+    assumed : mapping of quantity to str
+        Inputs that nobody measured, and what stands for them, in a few words.
+    refused : mapping of cell to str
+        Cells whose thermocouple is not to be used, and why.
     unread : mapping of str to tuple of int
         Cells without usable readings of `surface` (although the model has a sensor) or of `core` (although the source
         has a column); quantities that are read on all cells are left out.
@@ -86,6 +91,8 @@ class Record:
     voltages: CellRows | None = None
     charge_sd: float = 0.0
     unused: tuple[int, ...] = ()
+    assumed: Mapping[Quantity, str] = field(default_factory=dict)
+    refused: Mapping[int, str] = field(default_factory=dict)
     unread: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @staticmethod
@@ -162,7 +169,7 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
     _check_time(source, time_s)
     signals: Signals = draw_inputs(rows, model, half_way, notes)
     grid: Grid = lay_grid(source, signals.current_s, model.cells, notes)
-    drive, charge_sd = signals.drive(grid, model, notes)
+    drive, charge_sd, counted_from = signals.drive(grid, model, notes)
     surface = gather_readings(time_s, rows.surface_C, model.sensors, grid, notes)
     if not len(surface.y):
         wanted = ", ".join(f"surface_{k}_C" for k in model.sensors)
@@ -185,7 +192,11 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
         CellRows(time_s, rows.current_A, rows.cell_voltage_V) if rows.cell_voltage_V else None,
         charge_sd,
         tuple(sorted(set(rows.surface_C) - set(model.sensors))),
-        _unread(surface=set(model.sensors) - set(surface.cells), core=set(rows.core_C) - set(core.cells)),
+        {**rows.assumed, **({"soc": counted_from} if counted_from else {})},
+        {k: rows.refused[k] for k in sorted(set(rows.refused) & set(model.sensors))},
+        _unread(
+            surface=set(model.sensors) - set(surface.cells) - set(rows.refused), core=set(rows.core_C) - set(core.cells)
+        ),
     )
 
 

@@ -94,6 +94,10 @@ class Columns:
         A², for the time of each row; otherwise the square of the rows.
     source : str
         Name of the measurements in reports and errors.
+    refused : mapping of cell to str
+        Cells whose surface was recorded and is not to be used, and why.
+    assumed : mapping of quantity to str
+        What stands for inputs that nobody measured, in a few words; reports and pictures tell it.
 
     Raises
     ------
@@ -118,6 +122,8 @@ class Columns:
     cell_voltage_V: Mapping[int, Floats] = field(default_factory=dict)
     mean_square_current: Floats | None = None
     source: str = "arrays"
+    assumed: Mapping[Quantity, str] = field(default_factory=dict)
+    refused: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         rows = self._row("time_s", self.time_s, None)
@@ -165,6 +171,17 @@ class Columns:
         return x
 
 
+def all_along(quantity: Quantity, value: float) -> str:
+    """Describe a constant that stands for an input.
+
+    Examples
+    --------
+    >>> all_along("coolant_inlet", 22.04), all_along("soc", 0.5)
+    ('22.04 °C all along', '50 % all along')
+    """
+    return f"{100.0 * value:.4g} % all along" if quantity == "soc" else f"{value:.4g} {INPUTS[quantity].unit} all along"
+
+
 NEEDED = tuple(INPUTS[q].field for q in WHOLE if INPUTS[q].needed)
 ROWS = (*(INPUTS[q].field for q in WHOLE), "mean_square_current")
 """Columns of the whole string."""
@@ -204,8 +221,8 @@ class Signals:
     sampling: "Sampling"
     terminal: Terminal | None
 
-    def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> tuple[Drive, float]:
-        """Compute the means over the intervals of the grid, and the sd of the level of the charge."""
+    def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> tuple[Drive, float, str]:
+        """Compute the means over the intervals of the grid, the sd of the charge's level, and where it comes from."""
         x = grid.instants
         n = len(x) - 1
         current = mean(x, self.current)
@@ -216,7 +233,7 @@ class Signals:
         none = np.full(n, np.nan)
         known = {name for name, p in (("flow", self.flow), ("voltage", self.voltage)) if p is not None}
         recorded = None if self.soc is None else np.clip(mean(x, self.soc), 0.0, 1.0)
-        soc, soc_sd = state_of_charge(recorded, current, grid, model.capacity_Ah, notes, self.terminal)
+        soc, soc_sd, assumed = state_of_charge(recorded, current, grid, model.capacity_Ah, notes, self.terminal)
         if soc is not None:
             known.add("soc")
         drive = Drive(
@@ -232,7 +249,7 @@ class Signals:
             hours=(0.5 * (x[1:] + x[:-1]) - x[0]) / 3600.0,
             known=frozenset(known),
         )
-        return drive, soc_sd
+        return drive, soc_sd, assumed
 
 
 def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Any
 
-from bms_gateway.errors import StateError
+from bms_gateway.errors import StateError, signed
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.health.limits import BAND_SD
 
@@ -61,7 +61,7 @@ class Ageing:
 
     def sentence(self, of: str = "", doubt: str = "") -> str:
         """Say what the flag means and what to do; `of` names the cell, `doubt` names another possible cause."""
-        grown = f"{100 * self.growth:+.0f} ± {100 * BAND_SD * self.growth_sd:.0f} %"
+        grown = f"{signed(100 * self.growth, 0)} ± {100 * BAND_SD * self.growth_sd:.0f} %"
         what = f"resistance growth{of} {grown} since commissioning"
         return f"{what}: {DO[self.flag.level]}{doubt if self.flag.level else ''}"
 

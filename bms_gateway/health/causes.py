@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.errors import StateError
+from bms_gateway.errors import StateError, signed
 from bms_gateway.health.ageing import stored_level
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.health.limits import BAND_SD
@@ -69,7 +69,7 @@ class Cooling:
         if not self.flag.level:
             return "cooling is as at commissioning again"
         why = "" if flow_known else " (the bus does not tell the coolant's flow: less of it looks the same)"
-        grown = f"{100 * self.growth:+.0f} ± {100 * BAND_SD * self.growth_sd:.0f} %"
+        grown = f"{signed(100 * self.growth, 0)} ± {100 * BAND_SD * self.growth_sd:.0f} %"
         return (
             f"heat leaves the cells less well than at commissioning (R_u {grown}){why}: "
             "check fan or pump, filter and ducts; this is no ageing of the cells"
@@ -165,13 +165,13 @@ class Drift:
         if k == 0:
             moved = float(np.mean(self.kelvin))
             return (
-                f"all thermocouples read {moved:+.1f} K against the coolant inlet's since commissioning: "
+                f"all thermocouples read {signed(moved)} K against the coolant inlet's since commissioning: "
                 "check the inlet's sensor first; this is no ageing of the cells"
             )
         moved = float(self.kelvin[self.cells.index(k)])
         other = "" if len(self.cells) > 1 else " or the inlet's sensor"
         return (
-            f"the thermocouple of cell {k}{other} has drifted by {moved:+.1f} K since commissioning: "
+            f"the thermocouple of cell {k}{other} has drifted by {signed(moved)} K since commissioning: "
             "check its seat, or replace it; this is no ageing of the cells"
         )
 
@@ -270,13 +270,13 @@ class CurrentWatch:
             return f"the current sensor {self._shape} and the heat contradicts it: check its range, wiring and supply"
         if self.wrong_scale:
             return (
-                f"the current sensor reads about {100 * (exp(-self.scale) - 1):+.0f} % off: heat and voltage contradict"
-                " it; check its scale; growth of R_e is held until then"
+                f"the current sensor reads about {signed(100 * (exp(-self.scale) - 1), 0)} % off: heat and voltage "
+                "contradict it; check its scale; growth of R_e is held until then"
             )
         return (
-            f"R_e has moved by {100 * (exp(self._jump) - 1):+.0f} % within a few drives, which no ageing does: either "
-            "the current sensor's scale is wrong or a joint has come loose; no voltage is heard that could tell: "
-            "compare the current with a clamp, then check joints and busbars"
+            f"R_e has moved by {signed(100 * (exp(self._jump) - 1), 0)} % within a few drives, which no ageing does: "
+            "either the current sensor's scale is wrong or a joint has come loose; no voltage is heard that could "
+            "tell: compare the current with a clamp, then check joints and busbars"
         )
 
     def snapshot(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ The numbers are those of Lin et al., Eq 1 and 16-18; priors and tolerances are n
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -52,6 +52,8 @@ class Measured:
     start_sd : tuple of ndarray (n,), K
         Standard deviation of these surfaces, cell by cell.
     source : str
+    assumed : mapping of str to str
+        Inputs that nobody measured, and what stands for them.
     """
 
     drive: Drive
@@ -67,6 +69,7 @@ class Measured:
     start: tuple[Floats, ...]
     start_sd: tuple[Floats, ...]
     source: str = "record"
+    assumed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def sigma(self) -> Floats:

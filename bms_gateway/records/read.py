@@ -18,7 +18,7 @@ from bms_gateway.bus.logfile import read_log
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
 from bms_gateway.diagnosis.record import Record, make_record
-from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.record_inputs import Columns, all_along
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.engine.reasons import REASONS
@@ -208,8 +208,11 @@ def _from_log(
         values[np.searchsorted(time_ns, heard.time_ns[of_it])] = heard.value[of_it]
         if of_it.any():
             columns[place] = values
+    assumed: dict[Quantity, str] = {}
     for c in string.channels:
         if c.signal is None and c.constant is not None:
+            if c.cell is None:
+                assumed[c.quantity] = f"{all_along(c.quantity, c.constant)}, by the configuration"
             columns[c.quantity, c.cell] = np.full(len(time_ns), c.constant)
     unknown = np.full(len(time_ns), np.nan)
     rows: dict[str, Any] = {
@@ -219,7 +222,9 @@ def _from_log(
         rows[INPUTS[q].field] = {k: x for (of, k), x in columns.items() if of == q and k is not None}
     if rows["voltage_V"] is None:
         rows["voltage_V"] = _from_cells(rows["cell_voltage_V"], model)
-    return Columns(time_s=np.asarray(time_ns * 1e-9, np.float64), source=str(path), **rows), [*_told(heard, string)]
+    return Columns(time_s=np.asarray(time_ns * 1e-9, np.float64), source=str(path), assumed=assumed, **rows), [
+        *_told(heard, string)
+    ]
 
 
 @dataclass(frozen=True, slots=True)

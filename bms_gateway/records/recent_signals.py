@@ -1,12 +1,15 @@
 """The recent signals of the gateway, from its ring on disk into a table: for `export` and for the workbench."""
 
+import csv
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.frames.vocabulary import CELL_COLUMNS
+from bms_gateway.report.columns import refused_name
 
 if TYPE_CHECKING:
     from bms_gateway.store.rows import Excerpt
@@ -19,10 +22,14 @@ _SPAN = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]*)")
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A stretch of recorded time: its length [s] and its end [µs]; without an end, it ends with the newest signal."""
+    """A stretch of recorded time: its length [s] and its end [µs]; without an end, it ends with the newest signal.
+
+    `refused` are the cells whose thermocouple is not to be used in it, and why: their columns are named so.
+    """
 
     last_s: float
     until_us: int | None = None
+    refused: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +131,7 @@ def write_recent(
     name = _string(found, string, command)
     if found.turned_back:
         tell("the clock went back in this time: what was recorded before that is left out, it cannot be the same table")
-    return _write(out, found, name)
+    return _write(out, found, name, stretch.refused)
 
 
 def _string(found: "Excerpt", name: str | None, command: str) -> str:
@@ -140,14 +147,15 @@ def _string(found: "Excerpt", name: str | None, command: str) -> str:
     return name
 
 
-def _write(out: Path, found: "Excerpt", name: str) -> Written:
+def _write(out: Path, found: "Excerpt", name: str, refused: Mapping[int, str]) -> Written:
     from bms_gateway.report.progress import progress
     from bms_gateway.whole import whole_text
 
     first_us, last_us = found.first_us, found.last_us
     count, first, last = 0, 0.0, 0.0
     with whole_text(out) as f:
-        f.write(",".join(("time_s", *found.columns[name])) + "\n")
+        own = {CELL_COLUMNS["surface"].format(k): refused_name(k, why) for k, why in refused.items()}
+        csv.writer(f, lineterminator="\n").writerow(["time_s", *(own.get(c, c) for c in found.columns[name])])
         with progress("exporting", (last_us - first_us) * 1e-6) as advance:
             for row in found.rows(name):
                 f.write(",".join(row) + "\n")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.diagnosis.adding import FORCED
 from bms_gateway.diagnosis.calibrate import Change, ChannelError
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.compare import CoreCheck
@@ -86,6 +87,12 @@ class AddReport:
         return how if self.after.core.proven else f"{how}, {NOT_PROVEN}"
 
     @property
+    def though(self) -> tuple[str, ...]:
+        """What speaks against effects that were added by force, unless it is a reason against the core already."""
+        said = f"{FORCED}: {self.refused}."
+        return (said,) if self.forced and said not in self.after.core.why else ()
+
+    @property
     def names(self) -> str:
         """Names of the added effects, for a sentence."""
         return " and ".join(c.key for c in self.added)
@@ -142,18 +149,17 @@ def add_text(r: AddReport) -> str:
     parts = [
         labelled(f"{r.tag}. {headline(r)}"),
         *warned(r.findings, several),
-        f"Before: {REFITTED}. After: {with_added(named_all(c.key for c in r.added))}.",
+        f"Before: {REFITTED}. After: {with_added(named_all(c.key for c in r.added), forced=r.forced)}.",
         _errors(r, several),
         _cores(r),
-        core_text(r.after.core),
+        labelled(core_text(r.after.core)),
         *_core_errors(r, several),
         changes_table(r.changes),
         *([remark] if (remark := numbers_remark(r.after.core)) else []),
     ]
     if r.remark:
         parts.append(labelled(r.remark))
-    if r.forced:
-        parts.append(labelled(f"Added by force, though: {r.refused}."))
+    parts += [labelled(text) for text in r.though]
     parts += told_aside(r.findings, r.notes, several)
     return "\n\n".join(parts)
 

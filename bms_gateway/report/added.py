@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.report.add_text import AddReport, Side
 from bms_gateway.report.core_text import NOT_PROVEN
+from bms_gateway.report.words import in_words
 
 
 def added_report(
@@ -57,7 +58,7 @@ def heading(report: AddReport, words: Sequence[str]) -> str:
     """Write the heading of the model file: what was added, fitted to which data, and whether by force."""
     text = f"{' '.join(words)} added, fitted to {', '.join(report.sources)}"
     if report.forced:
-        text = f"{text}\nadded by force, though: {report.refused}"
+        text = f"{text}\nadded by force, though: {in_words(report.refused)}"
     return text if report.after.core.proven else f"{text}\n{NOT_PROVEN}: see [posterior]"
 
 

@@ -1,7 +1,7 @@
 """Quantity and unit of each column of a table: by its name, the unit in it or below it, and `--columns`."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -72,6 +72,30 @@ _NO_WORDS: Final = frozenset(
 """Words that are always units at the end of a name; other units must follow a comma or be in brackets."""
 LONGEST_UNIT: Final = 30
 """Most characters of a possible unit in brackets."""
+
+
+_REFUSED: Final = re.compile(r"surface_([1-9][0-9]*)_C not used: (.+)")
+
+
+def refused_name(cell: int, why: str) -> str:
+    """Name the column of a cell whose readings are kept in a table and not used; the reason is in the name.
+
+    Examples
+    --------
+    >>> refused_name(8, "it has come loose")
+    'surface_8_C not used: it has come loose'
+    """
+    return f"surface_{cell}_C not used: {' '.join(why.split())}"
+
+
+def refused_in(names: Iterable[str]) -> dict[int, str]:
+    """Return the cells with such a column, and why they are not used."""
+    return {int(m[1]): m[2] for m in map(_REFUSED.fullmatch, names) if m}
+
+
+def is_refused(name: str) -> bool:
+    """Whether a column is such a one."""
+    return _REFUSED.fullmatch(name) is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
+from bms_gateway.report.words import parameters_labelled
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
@@ -108,7 +109,7 @@ def numbers_remark(core: KnownCore) -> str:
 
 def core_text(core: KnownCore) -> str:
     """Write this sentence, and below it the reasons why the core is not proven."""
-    return "\n".join([core_sentence(core), *(f"  {why}" for why in core.why)])
+    return "\n".join([core_sentence(core), *(f"  {parameters_labelled(why)}" for why in core.why)])
 
 
 def outside(check: CoreCheck) -> bool:
@@ -118,7 +119,8 @@ def outside(check: CoreCheck) -> bool:
 
 def thermocouple_sentence(check: CoreCheck) -> str:
     """State the error of a model against a thermocouple in a core that was not fitted."""
-    said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
+    of = f" of {check.source.replace(chr(92), '/').rpartition('/')[2]}" if check.source else ""
+    said = f"Thermocouple in the core of cell {check.cell}{of}, never fitted to: {number(check.rmse_K)} K off"
     share = 100.0 * (1.0 - check.covered)
     if share < SEEN:
         return f"{said}, within the 95 % band."

@@ -4,7 +4,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
@@ -14,6 +14,7 @@ from bms_gateway.diagnosis.curve import Curve
 from bms_gateway.diagnosis.detect import Card
 from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.experiment import Experiment
+from bms_gateway.diagnosis.offer import Offer
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import Errors, Number, Selected, errors
@@ -60,6 +61,8 @@ class Told:
         Source of `card`.
     experiment : Experiment or None
         Source of `next_experiment`.
+    offer : Offer
+        What of the named effects `add` accepts.
     """
 
     diagnosis: Diagnosis | None
@@ -75,6 +78,7 @@ class Told:
     curve: Curve | None = None
     shows: Card | None = None
     experiment: Experiment | None = None
+    offer: Offer = field(default_factory=Offer)
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:
@@ -90,6 +94,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "after": errors_document(d.after if d else None),
         "absorbed": list(told.absorbed),
         "next_experiment": told.next_experiment,
+        "offer": {"effects": list(told.offer.effects), "refused": told.offer.refused or None},
         "core": core_document(told.core, told.sentence),
         "sentence": told.sentence,
         "looks_like": list(d.looks_like) if d else [],
@@ -182,6 +187,8 @@ def diagnosis_text(told: Told) -> str:
     # the sentence already says that the only record is useless
     doubts = [x for x in told.findings if d is not None or several or x[1].severity != "stop"]
     parts = [labelled(told.sentence), *warned(doubts, several)]
+    if told.offer.sentence:
+        parts.append(labelled(told.offer.sentence))
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))

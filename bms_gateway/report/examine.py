@@ -12,6 +12,7 @@ from bms_gateway.diagnosis.detect import Card, absorbed, detectability
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.experiment import Experiment, next_experiment
 from bms_gateway.diagnosis.findings import tie_sentences
+from bms_gateway.diagnosis.offer import Offer, offer
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
@@ -81,6 +82,8 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     core = known_core(model, some, d.identified[0], d.search.asked)
     tell(0.93, "finding what the records say of named effects")
     curve = curve_of(d, some)
+    tell(0.95, "finding what may be added")
+    may = offer_of(d, some, findings)
     tell(1.0, "done")
     return Told(
         d,
@@ -96,7 +99,17 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
         curve,
         shown,
         experiment,
+        may,
     )
+
+
+def offer_of(d: Diagnosis, records: Sequence[Record], findings: Sequence[tuple[str, Finding]]) -> Offer:
+    """Return what of a verdict `add` accepts with the same records, the unusable ones too."""
+    try:
+        sound(findings)
+    except DataError as e:
+        return Offer((), tuple(s.candidate.key for s in d.selected), str(e).rstrip("."))
+    return offer(d, records)
 
 
 def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:

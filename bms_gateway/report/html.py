@@ -135,6 +135,8 @@ class Details:
         The smallest size of each effect that these data could show.
     cores : sequence of KnownCore
         For the present model and the one with the missing effect, from `adding.cores_with_named`.
+    earlier : sequence of Shown
+        Models of the same readings before the present one, such as that from its file.
     """
 
     comparison: Comparison | None = None
@@ -142,6 +144,15 @@ class Details:
     experiment: Experiment | None = None
     card: Card | None = None
     cores: Sequence[KnownCore] = ()
+    earlier: Sequence[Shown] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """The way to an addition: the name of the model before it, and still earlier ones that are shown too."""
+
+    step: str = REFITTED
+    earlier: Sequence[Shown] = ()
 
 
 def write_diagnosis(
@@ -180,13 +191,14 @@ def write_diagnosis(
     tag = verdict_tag(d)
     sentence = escape(in_words(told.sentence))
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{sentence}</p>'
+    head += paragraph(told.offer.sentence) if told.offer.sentence else ""
     head += core_html(told.core, comparison.refitted.core_checks if comparison else ()) + aside.doubts
     sections: list[str] = []
     if d is not None:
         before, after = d.fits
         known = seen.cores or ([told.core] if told.core else [])
         bands = [*((c.bands, c.proven) for c in known), ((), True), ((), True)]
-        models = [shown(step, before, *bands[0])]
+        models = [*seen.earlier, shown(step, before, *bands[0])]
         if d.selected:
             models.append(shown(with_added(named_all(s.candidate.key for s in d.selected)), after, *bands[1]))
         head += summary(models)
@@ -195,9 +207,9 @@ def write_diagnosis(
         sections = [
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
-            *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
+            *evidence(models, _core_checks(comparison, before) if comparison else ()),
             section("curve", "dU/dT over the SOC", curve_table(told.curve) if told.curve else ""),
-            section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
+            section("latent", "The heat that is missing", missing_heat(latent, before) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
             section("parameters", f"Parameters, {models[-1].name}", _numbers(told, known, models[-1].fit)),
@@ -221,7 +233,7 @@ def write_addition(
     addition: Addition,
     command: str = "",
     remains: str = "",
-    step: str = REFITTED,
+    road: Road | None = None,
 ) -> None:
     """Write the result of an added effect, or why it was not added, as a page.
 
@@ -236,8 +248,7 @@ def write_addition(
         Command line that makes the page again.
     remains : str
         As for `Aside`.
-    step : str
-        Name of the model before the addition.
+    road : Road, optional
 
     Raises
     ------
@@ -245,10 +256,13 @@ def write_addition(
         As for `write_page`.
     """
     aside = Aside(report.sources, report.findings, report.notes, command, remains)
-    names = (step, with_added(named_all(c.key for c in addition.added)))
-    models = [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
+    way = road or Road()
+    names = (way.step, with_added(named_all(c.key for c in addition.added), forced=report.forced))
+    models = [*way.earlier]
+    models += [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
-    against = [in_words(f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}.")]
+    against = [in_words(f"Not added: {report.refused}.")] if report.refused and not report.forced else []
+    against += [in_words(text) for text in report.though]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
         *evidence(models, report.after.checks),
@@ -260,7 +274,7 @@ def write_addition(
     sentence = escape(in_words(headline(report)))
     head = f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(report.after.core, report.after.checks)
-    head += items([*(against if report.refused else []), *([in_words(report.remark)] if report.remark else [])])
+    head += items([*against, *([in_words(report.remark)] if report.remark else [])])
     head += aside.doubts + summary(models)
     write_page(path, "Model with an effect added", head, sections)
 

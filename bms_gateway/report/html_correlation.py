@@ -29,6 +29,19 @@ def shown(fit: MapFit) -> list[int]:
     return [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
 
 
+def together(fit: MapFit, *, short: bool = False) -> list[str]:
+    """List the pairs of numbers that are hardly known apart, with their correlation, the strongest first.
+
+    `short`: by their symbols alone.
+    """
+    names, r = correlations(fit)
+    if short:
+        names = [fit.problem.coordinates[i].name.replace("@", " of record ") for i in shown(fit)]
+    pairs = [(float(r[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(r[i, j]) > APART]
+    pairs.sort(key=lambda p: -abs(p[0]))
+    return [f"{names[i]} and {names[j]}: {_number(x)}" for x, i, j in pairs]
+
+
 def correlation_table(fit: MapFit) -> str:
     """Return the correlation of a fit's numbers as a table, with a sentence on numbers that are not known separately.
 
@@ -38,10 +51,12 @@ def correlation_table(fit: MapFit) -> str:
     n = len(names)
     if n < 2:
         return ""
-    pairs = [(float(r[i, j]), i, j) for i in range(n) for j in range(i) if abs(r[i, j]) > APART]
-    pairs.sort(key=lambda p: -abs(p[0]))
-    told = "; ".join(f"{names[i]} and {names[j]}: {_number(x)}" for x, i, j in pairs[:TOLD])
-    said = f"Hardly known apart: {told}." if pairs else f"No two numbers are correlated by more than {APART:g}."
+    told = together(fit)
+    said = (
+        f"Hardly known apart: {'; '.join(told[:TOLD])}."
+        if told
+        else f"No two numbers are correlated by more than {APART:g}."
+    )
     head = "".join(f'<th scope="col" aria-label="{escape(name)}">{j}</th>' for j, name in enumerate(names[:-1], 1))
     rows = []
     for i in range(n):

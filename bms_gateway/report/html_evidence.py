@@ -10,10 +10,11 @@ from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import UNKNOWN_K, half_width, rests_on
-from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
+from bms_gateway.report.html_correlation import together
+from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay, residual_map
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
-from bms_gateway.report.html_tables import at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.html_tables import astray, at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
 from bms_gateway.report.show import number
 
@@ -25,6 +26,9 @@ def _sample(shape: str) -> str:
     return f'<svg width="34" height="12" aria-hidden="true">{shape}</svg>'
 
 
+SPACE = "\N{NO-BREAK SPACE}"
+PAIRS = 2
+"""Greatest number of pairs in the card of numbers that are hardly known apart; their table lists more."""
 HELD_KEY = _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to"
 KEY = (
     _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 sd of the sensor",
@@ -55,17 +59,24 @@ def summary(models: Sequence[Shown]) -> str:
     line += ", without a thermocouple" if half[-1][1] in unseen(last_fit) else ""
     line += f": ± {half_width(half[-1][0])} K" if half[-1][0] > UNKNOWN_K else ""
     told = [f"± {half_width(h)} K" if h <= UNKNOWN_K else "not known" for h, _ in half]
-    found.append(Card("Core, 95 % band", " → ".join(told), line))
-    lost, stuck = unlearnt(last_fit), at_limits(last_fit)
+    found.append(Card("Core, 95 % band", _whole(" → ".join(told)), line))
+    lost, stuck, odd, alike = unlearnt(last_fit), at_limits(last_fit), astray(last_fit), together(last_fit, short=True)
     lines = [f"at a limit, so not used: {', '.join(stuck)}"] if stuck else []
+    lines += [f"far from what was known, yet no better known: {', '.join(odd)}"] if odd else []
     lines += [f"these stay as they were known before: {', '.join(lost)}"] if lost else []
-    line = "; ".join(lines) or "the data determine every free parameter"
+    apart = f", but hardly apart: {'; '.join(alike[:PAIRS])}" if alike else ""
+    line = "; ".join(lines) or f"the data say something of every free parameter{apart}"
     found.append(Card("Not identifiable", f"{len(lost)} of {free(last_fit)} parameters" if lost else "nothing", line))
     return cards(found)
 
 
 def _arrow(values: Sequence[str]) -> str:
-    return " → ".join(values) + " K"
+    return _whole(" → ".join(values) + " K")
+
+
+def _whole(text: str) -> str:
+    """Keep a number with its sign and unit in one line, and an arrow with what it comes from."""
+    return text.replace("± ", f"±{SPACE}").replace(" K", f"{SPACE}K").replace(" →", f"{SPACE}→")
 
 
 def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[str]:
@@ -81,7 +92,7 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
     said = (HELD_KEY, *KEY) if models[0].levels[1].readings else KEY
     key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in said) + "</ul>"
     return [
-        section("overlay", "Measured and modelled", key, *_overlays(models)),
+        section("overlay", "Measured and modelled", key, *_overlays(models), *_maps(models[-1])),
         section("regimes", "In which regime", heat_map(models)),
         section(
             "core",
@@ -133,6 +144,20 @@ def _overlays(models: Sequence[Shown]) -> list[str]:
         caption = "What drove the string. All figures of a record zoom together; a double click shows all again, and a "
         caption += "click in a legend hides a line."
         found.append(figure(f"drive-{r + 1}", spec, caption, described=told, time=r))
+    return found
+
+
+def _maps(last: Shown) -> list[str]:
+    """Draw the residual of all sensors over time, of the last model, where there are several."""
+    found = []
+    for r, m in enumerate(last.fit.problem.records):
+        mine = [t for t in traces_of([last.fit]) if t.record == r]
+        if len(mine) < 2:
+            continue
+        time = clock(max(float(t.time_s.max()) for t in mine))
+        caption = f"Reading minus model of all sensors, {last.name}. Orange: the cell reads more; blue: less."
+        told = "Reading minus model of all sensors over time, as a map"
+        found.append(figure(f"map-{r + 1}", residual_map(mine, m, time), caption, described=told, time=r))
     return found
 
 

@@ -34,6 +34,10 @@ ROAD = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 """Colours of the steps in their order, as on the page: from the file, refitted, one for each addition."""
 HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
 """Colours of the cells whose missing heat is drawn."""
+MAP_COLUMNS, MAP_ROW_PX, MAP_LEAST_PX, MAP_MOST_PX = 150, 16, 90, 640
+"""Columns of a map of the residual, height of its rows, and limits of its height."""
+MAP_COLORS = [[0.0, "#3c8cd2"], [0.5, "#ffffff"], [1.0, "#e68c00"]]
+"""As in the tables by regime: blue for less than the model, orange for more."""
 HEAT_PX, FEATURE_PX, GAP_PX = 165, 95, 18
 EDGES_PX = 76
 """Above and below the panels of a figure."""
@@ -161,27 +165,75 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
     return {"data": data, "layout": spec}
 
 
+def residual_map(traces: Sequence[Trace], m: Measured, clock: Clock) -> Figure:
+    """Draw the residual of several sensors over time as a map: means over equal stretches, K.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+        Of one record, each with one model.
+    m : Measured
+        The record.
+    clock : Clock
+    """
+    ends = instants_of(m)
+    edges = np.linspace(float(ends[0]), float(ends[-1]), MAP_COLUMNS + 1)
+    rows: list[list[float | None]] = []
+    for t in traces:
+        left = t.measured - t.models[0]
+        at = np.clip(np.searchsorted(edges, t.time_s, "right") - 1, 0, MAP_COLUMNS - 1)
+        n = np.bincount(at, minlength=MAP_COLUMNS)
+        mean = np.bincount(at, left, MAP_COLUMNS) / np.where(n > 0, n, np.nan)
+        rows.append(numbers(mean, 2 if t.sigma_K > COARSE_K else 3))
+    most = max((abs(x) for row in rows for x in row if x is not None), default=0.0) or 1.0
+    one: dict[str, Any] = {
+        "type": "heatmap",
+        "x": clock(0.5 * (edges[1:] + edges[:-1])),
+        "y": [str(t.cell) for t in traces],
+        "z": rows,
+    }
+    bar: dict[str, Any] = {"thickness": 10, "title": {"text": "K"}}
+    one |= {"zmin": -most, "zmax": most, "colorscale": MAP_COLORS, "colorbar": bar, "hoverongaps": False}
+    height = int(np.clip(MAP_ROW_PX * len(traces), MAP_LEAST_PX, MAP_MOST_PX)) + EDGES_PX
+    cells = axis("cell", type="category", autorange="reversed", showgrid=False)
+    return {"data": [one], "layout": layout(height, m, clock, yaxis=cells)}
+
+
+NOT_MEASURED = "not measured"
+BESIDE = {"xref": "paper", "x": 0.01, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "showarrow": False}
+"""Place of a remark in a picture with several axes: in the gap above its own, where no curve is."""
+
+
 def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
-    """Draw the inputs of the string: current, inlet, and, if known, charge and flow (over the nominal flow)."""
+    """Draw the inputs of the string: current, inlet, and, if known, charge and flow (over the nominal flow).
+
+    What nobody measured is dashed, and says what stands for it.
+    """
     u = m.drive
-    inlet = "inlet, °C"
-    rows = [("current, A", u.I, BLACK), (inlet, u.T_in, BLUE)]
+    rows = [("current", "current, A", u.I, BLACK), ("coolant_inlet", "inlet, °C", u.T_in, BLUE)]
     if "soc" in u.known:
-        rows.append(("SOC, %", 100.0 * u.soc, GREEN))
+        rows.append(("soc", "SOC, %", 100.0 * u.soc, GREEN))
     if "flow" in u.known and nominal_m3_s is not None and float(np.ptp(u.flow)) > FLOW_MOVES:
-        rows.append(("flow, l/min", nominal_m3_s * PER_MIN * u.flow, PURPLE))
-    data, axes = [], {}
+        rows.append(("coolant_flow", "flow, l/min", nominal_m3_s * PER_MIN * u.flow, PURPLE))
+    data, axes, said = [], {}, list[dict[str, Any]]()
     height = 1.0 / len(rows)
-    for i, (title, y, color) in enumerate(rows):
+    for i, (quantity, title, y, color) in enumerate(rows):
         suffix = "" if i == 0 else str(i + 1)
         t, few = broken(*envelope(3600.0 * u.hours, y, points), breaks_of(m))
-        one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False)
-        if title != inlet:
+        assumed = m.assumed.get(quantity, "")
+        dash = "dash" if assumed else "solid"
+        one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False, dash=dash)
+        if assumed:
+            one["meta"] = f"{NOT_MEASURED}: {assumed}"
+            said.append(
+                {**BESIDE, "text": one["meta"], "yref": f"y{suffix} domain", "font": {"color": color, "size": 12}}
+            )
+        if quantity != "coolant_inlet":
             one["line"]["shape"] = STEPS
         data.append(one)
         top = 1.0 - i * height
         axes[f"yaxis{suffix}"] = axis(title, domain=[max(top - height + 0.05, 0.0), top], nticks=4)
-    spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), **axes)
+    spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), annotations=said, **axes)
     spec["xaxis"]["anchor"] = "y" if len(rows) == 1 else f"y{len(rows)}"
     return {"data": data, "layout": spec}
 

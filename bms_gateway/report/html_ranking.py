@@ -7,7 +7,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.detect import Card, Detectable
 from bms_gateway.diagnosis.experiment import ENOUGH_ODDS, Experiment
-from bms_gateway.diagnosis.latent import Latent
+from bms_gateway.diagnosis.latent import Latent, watts
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.diagnosis_text import LINEAR, WITH_SD, meaning, number_lines, parts_of, reach
 from bms_gateway.report.html_figures import WORTH
@@ -124,22 +124,22 @@ def follows_table(found: Latent) -> str:
     """Features that the missing heat may follow, with the share of the misfit that each explains."""
     if not any(f.share >= WORTH for f in found.follows):
         return ""
+    same = found.alike
     rows = [
         [
             escape(f.title),
             f.node,
-            f"{100 * f.share:.0f} %",
-            amount(f.slope),
-            "W" if f.unit == "W" else f"W per {unit(f.unit) or 'unit'}",
+            "not told apart" if f in same and len(same) > 1 else f"{100 * f.share:.0f} %",
+            f"{watts(f.slope, f.unit)}",
         ]
         for f in found.follows[:FOLLOWS_SHOWN]
         if f.share >= WORTH
     ]
     note = (
         "Share of the misfit above the noise that goes when a heat proportional to the feature is added there and all "
-        "numbers are refitted; and that heat."
+        "numbers are refitted; and that heat, more or less than modelled."
     )
-    return table(["feature", "heat made at", "share", "heat", ""], rows, words=(0, 1, 4), caption=note)
+    return table(["feature", "heat made at", "share", "heat"], rows, words=(0, 1, 2, 3), caption=note)
 
 
 def experiment_table(e: Experiment) -> str:

@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, DOUBTED, DOUBTED_FORMAT, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, MOVED, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnosis.curve import Curve
@@ -24,11 +24,15 @@ from bms_gateway.thermal import KINDS, StringModel
 from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
+DOUBTFUL = "doubtful"
+"""First word of every status that a number has because it is not to be relied on."""
 FEATURES_SHOWN = 6
 SENSORS_SHOWN, TOGETHER = 16, 12
 """Most sensors in a heat map, and most columns for which before and after are in one map."""
 TAP = "Tap a value: its number of readings, its sd and its RMSE stand here."
 """Text below a map until `told.js` shows a value."""
+PLACES = 2, 4
+"""Fewest and most decimals of a heat map: as many as the greatest value needs for two digits."""
 BESIDE = 4
 """Most columns for which two heat maps are side by side."""
 
@@ -128,6 +132,11 @@ def at_limits(fit: MapFit) -> list[str]:
     return [called(c) for c, _, _, status in _free(fit) if status == AT_BOUND]
 
 
+def astray(fit: MapFit) -> list[str]:
+    """Labels of the numbers that moved far from what was known of them and are no better known."""
+    return [called(c) for c, _, _, status in _free(fit) if status == MOVED]
+
+
 def called(c: Coordinate) -> str:
     """Return a number of a model by its label, with its symbol in brackets."""
     name, _, record = c.name.partition("@")
@@ -181,7 +190,7 @@ def parameters_table(fit: MapFit, *, doubted: bool = False, narrow: bool = False
         value, spread = s.value(z), (s.value(z) if s.log else s.scale) * sd
         before = f"{amount(s.value(c.prior))} ± " + (f"{100 * c.sd:.0f} %" if s.log else amount(s.scale * c.sd))
         limits = s.value(c.lower), s.value(c.upper)
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT, DOUBTED, DOUBTED_FORMAT))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT, DOUBTFUL))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [
@@ -222,10 +231,12 @@ def heat_map(models: Sequence[Shown]) -> str:
     means = [abs(b.mean_K) for f in features for m in models for j in columns for b in _bins(m.sensors[j], f)]
     largest = max(max(means, default=0.0), first[0].trained.floor_K)
     note = "Mean of reading minus model, K. Orange, +: the cell reads more than the model; blue, −: less. "
-    note += "Bold: unlikely to be chance (over 3 sd)."
+    note += "Bold: unlikely to be chance (over 3 sd). "
+    note += "Neither: less than what would count against the model."
     if len(columns) < len(first):
         note += f" The {len(columns)} cells with the largest errors."
-    if len(columns) * len(models) > TOGETHER:  # wider than a page: one map per model
+    # wider than a page, or more than before and after: one map per model
+    if len(columns) * len(models) > TOGETHER or len(models) > 2:
         tables = [_heat_table([m], features, columns, largest, m.name) for m in models]
         return f'<p class="muted">{escape(note)}</p>' + "".join(tables)
     note += f" Before and after: {' and '.join(m.name for m in models)}." if len(models) > 1 else ""
@@ -240,6 +251,10 @@ def _heat_table(
 ) -> str:
     cells = [models[0].sensors[j].cell for j in columns]
     grid = {f: [_bins(m.sensors[j], f) for j in columns for m in models] for f in features}
+    # below what counts as a failure of the model there is nothing to point at, however sure it is
+    least = [m.sensors[j].least_structure * m.sensors[j].trained.floor_K for j in columns for m in models]
+    greatest = max((abs(b.mean_K) for row in grid.values() for bins in row for b in bins), default=0.0)
+    places = int(np.clip(1.0 - np.floor(np.log10(max(greatest, 1e-9))), *PLACES))
     over = "".join(f'<th scope="colgroup" class="first" colspan="{len(models)}">cell {k}</th>' for k in cells)
     under = "".join(f'<th scope="col"{_first(i)}>{w}</th>' for _ in cells for i, w in enumerate(("before", "after")))
     under = f"<tr>{under}</tr>" if len(models) > 1 else ""
@@ -255,7 +270,9 @@ def _heat_table(
         shared = len({tuple(b.label for b in bins) for bins in row if bins}) == 1
         for i in range(max(len(bins) for bins in row)):
             same = [bins[i] for bins in row if i < len(bins)]
-            tints = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
+            tints = "".join(
+                _heat(bins, i, (largest, least[n], places), _first(n % len(models))) for n, bins in enumerate(row)
+            )
             label = same[0].label if shared else _between(same, regime)
             body.append(f'<tr><th scope="row">{escape(label).replace(" -", " −")}</th>{tints}</tr>')
     text = "\n".join(body).replace(" title=", ' tabindex="0" title=', 1)  # from there the arrow keys go on
@@ -294,17 +311,19 @@ def _between(bins: Sequence[Bin], regime: Regime) -> str:
     return f"about {first} to {last} {unit(regime.unit)}"
 
 
-def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:
+def _heat(bins: Sequence[Bin], i: int, scale: tuple[float, float, int], first: str) -> str:
+    """Show one mean; `scale`: the value of the strongest colour, the least that has one, and decimals."""
+    largest, least, places = scale
     if i >= len(bins):
         side = "first no" if first else "no"
         return f'<td class="{side}">–</td>'
     b = bins[i]
-    share = float(np.clip(b.mean_K / largest, -1.0, 1.0))
+    share = float(np.clip(b.mean_K / largest, -1.0, 1.0)) if abs(b.mean_K) >= least else 0.0
     strong = abs(share) ** 0.7 * 0.75
     tint = (230, 140, 0) if share > 0 else (60, 140, 210)
     color = "".join(f"{round(255 + (c - 255) * strong):02x}" for c in tint)
-    text = f"{b.mean_K:+.2f}".replace("-", "−") if abs(b.mean_K) >= 0.005 else "0.00"
-    text = f"<b>{text}</b>" if b.significant else text
+    text = f"{b.mean_K:+.{places}f}".replace("-", "−") if abs(b.mean_K) >= 0.5 * 0.1**places else f"{0:.{places}f}"
+    text = f"<b>{text}</b>" if b.significant and share else text
     told = f"{counted(b.readings, 'reading')}: {b.mean_K:+.3f} K, sd {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K".replace(
         "-", "−"
     )

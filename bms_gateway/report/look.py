@@ -13,7 +13,7 @@ import numpy as np
 
 from bms_gateway.errors import DataError
 from bms_gateway.frames.vocabulary import INPUTS
-from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, quantity_of, split_unit
+from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, is_refused, quantity_of, split_unit
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Rows
 from bms_gateway.report.guess import Guess, guesses, is_percent, untimely
@@ -59,7 +59,8 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
         found = find_columns(path, rows.names, rows.units, told, [n for n in rows.names if known(n)])
         values = _numbers(rows, names)
         dated = _dated(rows, [n for n in names if n not in values])
-        proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, values, dated, told)
+        free = {n: x for n, x in values.items() if not is_refused(n)}
+        proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, free, dated, told)
         looked = _Looked(rows, found, told, proposed, values)
         shown = [looked.column(k) for k in range(len(names))]
         return {

@@ -27,6 +27,12 @@
   const buttons = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]];
   const NARROW = 600; // px, below which the buttons would lie on the legend
   const config = { displaylogo: false, responsive: true, modeBarButtons: buttons, ...(innerWidth < NARROW ? { displayModeBar: false } : {}) };
+  // a name that is wider than the figure on paper would be cut at its edge
+  const LETTER = 6.8, EDGES = 78, SIGN = 46; // px: a letter of a legend, what is beside the axes, the line before a name
+  const inLines = (text, most) => text.split(" ").reduce((rows, word) => {
+    if (rows.length && `${rows.at(-1)} ${word}`.length <= most) rows.push(`${rows.pop()} ${word}`); else rows.push(word);
+    return rows;
+  }, []).join("<br>");
   const plots = [];
   try {
     const script = document.createElement("script");
@@ -35,7 +41,11 @@
     const places = document.querySelectorAll(".plot"), figures = places.length ? JSON.parse(unpacked("figures")) : {};
     for (const place of places) {
       const figure = figures[place.id];
-      for (const trace of figure.data) for (const axis of ["x", "y"]) if (axis in trace) trace[axis] = added(trace[axis]);
+      const most = Math.floor((Math.min(place.clientWidth, PAPER) - EDGES - SIGN) / LETTER);
+      for (const trace of figure.data) {
+        for (const axis of ["x", "y"]) if (axis in trace) trace[axis] = added(trace[axis]);
+        if (trace.name) trace.name = inLines(trace.name, most);
+      }
       Plotly.newPlot(place, figure.data, figure.layout, config);
       plots.push(place);
     }

@@ -119,7 +119,7 @@ def grouped(groups: Sequence[tuple[str, Sequence[str]]], rows: Sequence[Sequence
     """
     over = "".join(f'<th scope="colgroup" class="over" colspan="{len(h)}">{escape(t)}</th>' for t, h in groups)
     plain = table([h for _, headers in groups for h in headers], rows, caption=caption)
-    return plain.replace("<thead>", f"<thead><tr>{over}</tr>", 1)
+    return plain.replace("<table>", '<table class="grouped">', 1).replace("<thead>", f"<thead><tr>{over}</tr>", 1)
 
 
 def cards(some: Sequence[Card]) -> str:

@@ -7,15 +7,17 @@ REFITTED: Final = "refitted"
 """The first two; further ones are named after their additions."""
 
 
-def with_added(names: str) -> str:
-    """Name the model with an addition.
+def with_added(names: str, *, forced: bool = False) -> str:
+    """Name the model with an addition, and say whether it was made by force.
 
     Examples
     --------
     >>> with_added("reversible (entropic) heat (entropic_heat)")
     '+ reversible (entropic) heat (entropic_heat)'
+    >>> with_added("end plates cool or warm the end cells (end_plate)", forced=True)
+    '+ end plates cool or warm the end cells (end_plate), by force'
     """
-    return f"+ {names}"
+    return f"+ {names}, by force" if forced else f"+ {names}"
 
 
 def titled(step: str) -> str:

@@ -14,10 +14,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.record_inputs import Columns, all_along
 from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
-from bms_gateway.report.columns import INLET, Column, find_columns
+from bms_gateway.report.columns import INLET, Column, find_columns, is_refused, refused_in
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_mdf import open_mdf
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
@@ -210,11 +210,15 @@ def _read(
     return Table(
         source=str(path),
         **columns_of,
-        ignored=tuple(n for n in names if n not in used),
+        ignored=tuple(n for n in names if n not in used and not is_refused(n)),
+        refused=refused_in(names),
         word=rows.word,
         lines=lines,
         notes=tuple(notes),
         dated=bool(dates) or rows.began_s is not None,
+        assumed={}
+        if (still := ours[INLET].constant if INLET in ours else None) is None
+        else {"coolant_inlet": all_along("coolant_inlet", still)},
     )
 
 

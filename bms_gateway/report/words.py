@@ -101,15 +101,28 @@ def parameter_named(effects: Iterable[str], name: str) -> str:
 
 
 def parameters_labelled(text: str) -> str:
-    """Put the label of each parameter of the cells before its symbol.
+    """Put the label of each parameter of the cells, and of an effect, before its symbol.
 
     Examples
     --------
     >>> parameters_labelled("R_e ends at its bound."), parameters_labelled("all along (R_e)")
     ('internal electrical resistance (R_e) ends at its bound.', 'all along (R_e)')
+    >>> parameters_labelled("resistance_drift.a ends 3.3 sd from what was known of it.")
+    'growth (resistance_drift.a) ends 3.3 sd from what was known of it.'
     """
+    text = _own_parameters().sub(_own_label, text)
     symbols = "|".join(sorted(KINDS, key=len, reverse=True))
     return re.sub(rf"{_BEFORE}({symbols}){_AFTER}", lambda m: f"{KINDS[m[1]].description} ({m[1]})", text)
+
+
+@lru_cache(1)
+def _own_parameters() -> re.Pattern[str]:
+    return re.compile(rf"{_BEFORE}(?P<effect>{'|'.join(catalogue())})(?P<place>:\d+)?\.(?P<name>\w+)")
+
+
+def _own_label(m: re.Match[str]) -> str:
+    p = next((p for p in effect_named(m["effect"]).parameters if p.name == m["name"]), None)
+    return f"{p.description} ({m[0]})" if p else m[0]
 
 
 def in_words(text: str) -> str:

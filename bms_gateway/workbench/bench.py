@@ -12,6 +12,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bms_gateway.config.model_file import format_model, parse_model, read_model
 from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
 from bms_gateway.diagnosis.compare import Comparison, compare
@@ -21,6 +23,7 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import UsageError
 from bms_gateway.identify.effort import heard
+from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.records.read import Reading, read_measurements
 from bms_gateway.records.recent_signals import Stretch, given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
@@ -33,7 +36,8 @@ from bms_gateway.report.examine import (
     long_enough,
     sound,
 )
-from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html import Aside, Details, Road, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html_series import Shown
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.table import parse_columns
 from bms_gateway.report.words import named_all
@@ -186,7 +190,7 @@ class Bench:
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
         opened = Files.of(files)
         told_of = [
-            about(Path(t), opened.of_table(k), r)
+            {**about(Path(t), opened.of_table(k), r), "heard": _heard(rows[k][0], r)}
             for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
         ]
         document = documents.opened(self._filed, self._records, findings, notes, told_of)
@@ -289,6 +293,14 @@ class Bench:
         told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
         return next((t.diagnosis for t in told if t.diagnosis), None)
 
+    def _earlier(self, request: Mapping[str, Any], fit: MapFit) -> list[Shown]:
+        """Return the model from its file for a report, if its step is ticked and it has the same readings."""
+        if not request.get("filed"):
+            return []
+        c = self._comparison(str(request["filed"]))
+        same = len(c.filed.fit.y) == len(fit.y)  # a diagnosis leaves out records of which nothing can be learnt
+        return [Shown.of(FILED, c.filed, c.core.proven)] if same else []
+
     def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
         text, kind, command, remains, step = (str(request[k]) for k in ("text", "kind", "command", "remains", "step"))
@@ -301,16 +313,26 @@ class Bench:
         if kind == "diagnose":
             made.told = made.told or examine(parse_model(text), self._records, tell)
             details = details_of(made.told, parse_model(text), self._records, lambda: comparison)
-            write_diagnosis(path, made.told, details, command=command, step=step)
+            d = made.told.diagnosis
+            own = replace(
+                details or Details(), earlier=self._earlier(request, d.fits[0] if d else comparison.filed.fit)
+            )
+            write_diagnosis(path, made.told, own, command=command, step=step)
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
-            write_addition(path, report, addition, command, remains, step)
+            road = Road(step, self._earlier(request, addition.fits[0]))
+            write_addition(path, report, addition, command, remains, road)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
             # an addition of a process that has ended is shown by its result: its model against the readings
             how = command if kind == "compare" else ""
             write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
         return {"path": str(path)}
+
+
+def _heard(rows: Columns, record: Record) -> int:
+    """Count the readings of a file at the cells that a record has."""
+    return sum(int(np.isfinite(rows.surface_C[k]).sum()) for k in record.cells)
 
 
 def _named(text: str, folder: Path) -> str:

@@ -175,8 +175,8 @@ class Desk:
             self._told()
         worker.end()
 
-    def report(self) -> Path:
-        """Write the report of the shown content, and wait for it.
+    def report(self, *, filed: bool = False) -> Path:
+        """Write the report of the shown content, and wait for it; `filed`: with the model from its file too.
 
         Raises
         ------
@@ -188,7 +188,8 @@ class Desk:
         command = command_lines(self._named() or {}, self._way())[-1]
         step = self._frames[-2].label if kind == "add" else top.label
         request = {"files": self.files, "text": top.text, "kind": kind, "command": command, "step": step}
-        self._start("report", {**request, "remains": remains(self._frames)})
+        first = self._frames[0].text if filed and self._frames[0].compared else ""
+        self._start("report", {**request, "remains": remains(self._frames), "filed": first})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
             path, self._report = self._report, None

@@ -61,7 +61,7 @@ def opened(
     records : sequence of Record
     findings, notes : sequence of (source, …)
     about : sequence of dict
-        Of each record, from `tracks`.
+        Of each record, from `tracks`, and the number of readings of its file as `heard`.
     """
     order = list(WEIGHTS)
     checks = sorted(findings, key=lambda f: order.index(f[1].severity))
@@ -76,6 +76,7 @@ def opened(
                 "source": r.source,
                 "minutes": float(r.instants[-1] - r.instants[0]) / 60.0,
                 "readings": len(r.y),
+                "means_s": r.drive.dt,
                 "cells": list(r.cells),
                 "core": len(r.core.y) > 0,
                 **about[k],
@@ -114,7 +115,7 @@ def compared(c: Comparison, name: str) -> Document:
 def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
     """Describe the uncertainty of the cores, as in JSON documents, with its sentence."""
     told = core_document(core, otherwise)
-    why = [parameters_labelled(text) for text in told["why"]]
+    why = [in_words(parameters_labelled(text)) for text in told["why"]]
     return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
 
 
@@ -183,6 +184,8 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "remains": verdict == "unknown_effect" or remains,
         "sentence": in_words(told.sentence),
         "selected": [s.candidate.key for s in d.selected] if d else [],
+        "offer": list(told.offer.effects),
+        "not_offered": in_words(told.offer.sentence),
         "error": f"closest {'error' if d and d.decided_by_second else 'held-out error'}",
         "ranking": [_standing(r, p, r.name in fits) for p in parts_of(told.ranking) for r in p.ranked],
         "absorbed": [in_words(t) for t in told.absorbed],
@@ -258,7 +261,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     return {
         "words": list(words),
         "names": named_all(c.key for c in report.added),
-        "step": with_added(named_all(c.key for c in report.added)),
+        "step": with_added(named_all(c.key for c in report.added), forced=report.forced),
         "kept": report.written,
         "forced": report.forced,
         "refused": in_words(report.refused),

@@ -121,10 +121,11 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     said = [*proposal.remarks, *settled.written.notes]
     if cell is None:
         said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
-    said += map(taken_for, proposal.signals)
+    mine = strings.index(string) + 1
+    said += (taken_for(p) for p in proposal.signals if p.string in (None, mine))
     model = settled.written.config.parent / f"{string}.toml"
-    config = str(settled.written.config)
-    return {**files, "config": config, "string": string, "model": files.get("model") or str(model)}, said
+    config, named = str(settled.written.config), files.get("model")
+    return {**files, "config": config, "string": string, "strings": strings, "model": named or str(model)}, said
 
 
 def taken_for(p: Proposed) -> str:

@@ -165,6 +165,27 @@ class Events:
             for g in newest
         ]
 
+    def refused(self, string: str, first_ns: int, last_ns: int) -> dict[int, str]:
+        """Return the cells whose thermocouple is not to be used in a stretch of time, and why.
+
+        These are the ones that an alert of their own doubted at any time in it, and those that the guard refuses at its
+        end. What it refused earlier was never recorded.
+        """
+        found: dict[int, str] = {}
+        guard: dict[int, str] = {}
+        for e in self.all:
+            if e.string != string or e.cell is None or e.time_ns > last_ns:
+                continue
+            if e.code == "thermocouple" and e.state:
+                found[e.cell] = e.text
+                if e.state == "over" and e.time_ns < first_ns:
+                    del found[e.cell]
+            elif e.code == "sensor" and e.part == "surface" and not e.state:
+                guard[e.cell] = e.text
+                if e.severity == Severity.OK:
+                    del guard[e.cell]
+        return {k: found.get(k) or guard[k] for k in sorted(found | guard)}
+
     def _told(self, group: Sequence[Happened]) -> dict[str, Any] | None:
         """Return the acknowledgement of the newest event of a group."""
         last = group[-1]

@@ -337,6 +337,11 @@ class Watch:
             raise UsageError("window: nothing has been heard yet")
         return ticks[0].time_ns, ticks[-1].time_ns
 
+    def refused(self, string: int, first_ns: int, last_ns: int) -> dict[int, str]:
+        """Return the cells of a string (from 0) whose thermocouple is not to be used in a stretch, and why."""
+        with self._lock:
+            return self.events.refused(self._engine.strings[string].plan.name, first_ns, last_ns)
+
     def _stretch(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, float]:
         if ends is not None:
             return of_ends(ends)

@@ -55,6 +55,7 @@ def _curves(figure: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Kept, bo
                 title, unit = _title(layout, f"yaxis{d.get('yaxis', 'y').removeprefix('y')}")
                 name = d["name"].removesuffix(f", {unit}")
                 what = name if title in ("", name) else f"{title}, {name}"
+                what += f" ({d['meta']})" if "meta" in d else ""
                 yield source + what, "", unit, d["kept"], d.get("line", {}).get("shape") == STEPS
         for s in part.get("steps", ()):
             for role, axis in ROLES.items():

@@ -45,6 +45,8 @@ SAID: Final[dict[str, Any]] = {
     "remains": bool,
     "sentence": str,
     "selected": [str],
+    "offer": [str],
+    "not_offered": str,
     "error": str,
     "ranking": [RANKED],
     "absorbed": [str],
@@ -68,6 +70,7 @@ OLDER: Final[dict[str, Any]] = {
     "ranking": [{k: x for k, x in RANKED.items() if k not in ("group", "against", "needs")}],
 }
 """The same in older sessions."""
+UNOFFERED: Final = "The session is older: diagnose again to see what of this can be added."
 Addition = tuple[list[str], bool]
 """Effects added at once, and whether by force."""
 
@@ -212,10 +215,13 @@ def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _resting(one: Any) -> Any:
-    """Convert a diagnosis of an older session, which lacks the assumption for the band of an unsensed cell."""
+    """Convert a diagnosis of an older session, which has neither the assumption for unsensed cells nor an offer."""
     if not _is(one, {"step": int, "said": dict}) or not isinstance(core := one["said"].get("core"), dict):
         return one
-    return {**one, "said": {**one["said"], "core": {"rests_on": None, **core}}}
+    unknown = (
+        {"offer": [], "not_offered": UNOFFERED} if one["said"].get("selected") else {"offer": [], "not_offered": ""}
+    )
+    return {**one, "said": {**unknown, **one["said"], "core": {"rests_on": None, **core}}}
 
 
 def _by_part(one: Any) -> Any:

@@ -6,6 +6,7 @@ The ring is that of the service (`store.recent`). It lies in a folder of this pr
 import os
 import shutil
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -52,8 +53,12 @@ class Signals:
             if (problem := self._recent.flush()) is not None:
                 raise problem
 
-    def table(self, string: int, last_s: float, until_ns: int | None, out: Path) -> Path:
+    def table(
+        self, string: int, last_s: float, until_ns: int | None, out: Path, refused: Mapping[int, str] | None = None
+    ) -> Path:
         """Write the signals of one string (from 0) in a stretch of time as a table; 0: all stored ones.
+
+        `refused` as of `Stretch`.
 
         Raises
         ------
@@ -62,7 +67,7 @@ class Signals:
         """
         self._write()
         name = self._name(string)
-        stretch = Stretch(last_s or 1e9, None if until_ns is None else until_ns // 1000)
+        stretch = Stretch(last_s or 1e9, None if until_ns is None else until_ns // 1000, refused or {})
         write_recent(out, self.folder, stretch, name, COMMAND, lambda _: None)
         return out
 

@@ -72,6 +72,9 @@ def signals(watch: "Watch", view: str, string: int, span_s: float, ends: Ends | 
 def on_desk(watch: "Watch", desk: Desk, body: dict[str, Any]) -> list[str]:
     """Open the signals of one string in a stretch on a tab's desk, with the model of the live page.
 
+    What the live page knows goes along: the readings of a thermocouple that it refuses are not used, and the table says
+    why.
+
     Returns
     -------
     list of str
@@ -86,7 +89,10 @@ def on_desk(watch: "Watch", desk: Desk, body: dict[str, Any]) -> list[str]:
         raise UsageError("window: the number of a string and a span in s are needed")
     table = desk.folder / table_name(watch, string)
     model = desk.folder / f"{_called(watch, string)}.toml"
-    signals(watch, str(body.get("view", "")), string, span, in_order(body.get("ends")), table)
+    first_ns, last_ns = watch.stretch_ns(str(body.get("view", "")), span, in_order(body.get("ends")))
+    known = 0 <= string < len(watch.about()["strings"])  # of another one, the table says that there is none
+    refused = watch.refused(string, first_ns, last_ns) if known else {}
+    watch.signals.table(string, (last_ns - first_ns) * 1e-9, last_ns, table, refused)
     watch.signals.model(string, model)
     desk.open({"tables": [str(table)], "model": str(model), "config": "", "string": "", "columns": []})
     return [table.name, model.name]

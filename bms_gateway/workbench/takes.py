@@ -45,7 +45,9 @@ def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
     name = query.get("name", "")
     match query.get("what", ""):
         case "report":
-            return Taken("report.html", "text/html; charset=utf-8", desk.report(), once=True)
+            return Taken(
+                "report.html", "text/html; charset=utf-8", desk.report(filed=bool(query.get("filed"))), once=True
+            )
         case "session":
             text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
             return Taken("session.json", "application/json", text.encode())

@@ -126,6 +126,9 @@ def test_what_is_added_by_force_is_never_called_added_plainly_nor_known_better(r
     assert status == 0, err
     assert text.startswith("Added by force, core not proven. ")
     assert "Added by force, core not proven" in page.read_text(encoding="utf-8")
+    # what speaks against it is said once
+    assert " ".join(text.split()).count("Added by force, though: ") == 1
+    assert page.read_text(encoding="utf-8").count("Added by force, though: ") == 1
     d = json.loads((pack.folder / "forced.json").read_text())
     assert d["core"]["proven"] is False
     assert any(why.startswith("Added by force, though: ") for why in d["core"]["why"])

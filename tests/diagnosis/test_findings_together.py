@@ -103,3 +103,45 @@ def test_an_error_that_changes_sign_along_the_string_asks_for_the_flow_of_the_co
 
 def chain(cells, condition):
     return StringModel(cells, tuple(range(1, cells + 1)), condition, {})
+
+
+def course(means):
+    """Every seventh cell, with these mean errors."""
+    return [constant(7 * k + 1, x) for k, x in enumerate(means)]
+
+
+def test_one_course_along_the_coolant_is_one_sentence():
+    """It came out as four: some cells read more, some less, and of those between "no single regime explains it"."""
+    found = sensor_sentences(course([0.42, 0.31, 0.2, 0.1, 0.01, -0.12, -0.3, -0.61, -0.96]), (), (), 1)
+    assert found == (
+        "The mean error of cells 1, 8, 15, 22, 29, 36, 43, 50, 57 falls along the coolant: cell 1 reads 0.42 K more "
+        "than the model, cell 57 0.96 K less.",
+    )
+
+
+def test_a_cell_that_stands_out_of_the_course_has_a_sentence_of_its_own():
+    found = sensor_sentences(
+        [*course([0.42, 0.56, 0.58, 0.55]), constant(23, 1.9),
+         *(constant(30 + 7 * k, x) for k, x in enumerate([0.34, 0.04, -0.28, -0.61, -0.96]))], (), (), 1
+    )  # fmt: skip
+    assert found[0].startswith("The mean error of cells 1, 8, 15, 22, 30, 37, 44, 51, 58 falls along the coolant: ")
+    assert found[1:] == ("Cell 23 reads 1.9 K more than the model on average.",)
+
+
+def test_a_few_cells_and_one_pattern_are_told_as_before():
+    assert len(sensor_sentences(course([0.5, -0.3, 0.2]), (), (), 1)) > 1
+    (one,) = sensor_sentences(course([-0.2, -0.3, -0.5, -0.9]), (), (), 1)
+    assert one == "All cells read 0.2 to 0.9 K less than the model on average, growing along the coolant."
+
+
+def test_a_mean_that_is_no_chance_is_told_where_no_regime_explains_the_most():
+    """ "No single regime explains it" stood beside a table with this mean in bold."""
+    one = constant(45, -0.28)
+    some = Regime("surface", "surface temperature", "°C", sensor(45, -0.6).regimes[1].bins[:1], 0.1, 0.16)
+    always = Regime("always", "always", "", one.regimes[0].bins, 0.08, 0.44)
+    told = Sensor(45, one.trained, one.held, 0.39, 50.0, 0.1, one.worst, (always, some))
+    assert sensor_sentences([told, calm(1)], (), (), 1)[0] == "Cell 45 reads 0.28 K less than the model on average."
+    bold = Regime("time", "time", "min", sensor(45, -0.6).regimes[1].bins, 0.01, 0.05)
+    weak = Regime("always", "always", "", calm(1).regimes[0].bins, 0.0, 0.0)
+    told = Sensor(45, one.trained, one.held, 0.39, 50.0, 0.1, one.worst, (weak, bold))
+    assert sensor_sentences([told, calm(1)], (), (), 1)[0].endswith("no single regime explains much of it.")

@@ -1,12 +1,16 @@
 """The heat that a fit misses: how much, where, and what it follows."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.latent import latent
+from bms_gateway.diagnosis.latent import follow_sentence, latent
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
+from bms_gateway.report.html_ranking import follows_table
 from tests.diagnosis.hidden_record import hidden
 
 
@@ -49,6 +53,33 @@ def test_the_missing_heat_follows_what_makes_it(effect, scenario, node, features
     assert got.follows[0].node == got.node == node
     assert got.follows[0].share > 0.4
     assert got.follows[0].title in got.sentence
+
+
+def test_what_is_not_told_apart_has_no_share_and_less_heat_is_called_so(asymmetric):
+    """Six features had "100 %" each, of which none explained a twentieth, and a negative heat was "a heat"."""
+    _, got = asymmetric
+    first, second = got.follows[:2]
+    assert got.alike == (first,)
+    assert second.share < 0.95 * first.share
+    assert re.search(
+        r"goes with less heat in the cores than modelled that follows I \([0-9.]+ mW per A less\)\.$", got.sentence
+    )
+    near = replace(second, odds=first.odds - 0.5)
+    told = follow_sentence("core", got.heats, (first, near), missing=True)
+    assert "%" not in told
+    assert told.startswith("The misfit goes with heat in the cores; these readings do not tell what it follows: I and ")
+    html = follows_table(replace(got, follows=(first, near, *got.follows[2:])))
+    assert html.count("not told apart") == 2
+    assert not re.search(r"[0-9]e[+−-][0-9]", html)
+
+
+def test_a_share_does_not_depend_on_how_many_readings_a_fit_averages():
+    """The noise was counted by the readings, of which a fit takes means: all features explained 100 % of the rest."""
+    shares = [missing("resistance_temperature", "weak", seed=3, noise=noise)[1].follows for noise in (0.05, 0.1)]
+    for follows in shares:
+        assert follows[0].feature == "I2_warmth"
+        assert 0.4 < follows[0].share < 0.8
+        assert sum(f.share > 0.9 for f in follows) == 0
 
 
 def test_its_slope_is_the_coefficient_of_what_is_hidden(asymmetric):

@@ -14,13 +14,12 @@ from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import diagnose, judged
 from bms_gateway.diagnosis.ranking import ranking
-from bms_gateway.diagnosis.search import Chosen
 from bms_gateway.diagnosis.verdict_words import missing
 from bms_gateway.errors import ConfigError
 from bms_gateway.report.added import added_report
 from bms_gateway.report.comparison_text import comparison_document, comparison_text
 from bms_gateway.thermal import AddedEffect
-from tests.diagnosis.decided import by_first, pair
+from tests.diagnosis.decided import at_its_bound, by_first, pair
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import STRANGE, Scenario, make_log
 
@@ -65,24 +64,6 @@ def test_a_tie_with_no_effect_is_refused():
     text = format_model(addition.model).replace('tied_with = ["hysteresis"]', 'tied_with = ["hystersis"]')
     with pytest.raises(ConfigError, match=r"effect.entropic_heat.tied_with: .*hysteresis"):
         parse_model(text)
-
-
-def at_its_bound():
-    """A search that ended with a number of its first effect on a bound."""
-    d = by_first()
-    first, trials = d.search.chosen[0], d.search.rounds[0]
-    trial = next(t for t in trials if t.candidate.key == first.candidate.key)
-    name = f"{first.candidate.key}.{first.candidate.effect.parameters[0].name}"
-
-    def pushed(fit):
-        theta = np.array(fit.theta)
-        theta[fit.problem.index(name)] = fit.problem.coordinates[fit.problem.index(name)].lower
-        return replace(fit, theta=theta)
-
-    other = replace(trial, fit=pushed(trial.fit), share=1.0)
-    rounds = [[other if t is trial else t for t in trials], *d.search.rounds[1:]]
-    chosen = [Chosen(first.candidate, ("hysteresis",), first.log_odds), *d.search.chosen[1:]]
-    return other, replace(d.search, rounds=rounds, chosen=chosen, final=pushed(d.search.final))
 
 
 def test_a_number_at_its_bound_is_told_and_has_no_probability():

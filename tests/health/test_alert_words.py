@@ -20,7 +20,7 @@ def test_shares_of_a_reading_are_per_cent():
     loose = Finding("thermocouple", 3, 1, 0, kind=Kind.LOOSE, size=0.4)
     assert "has come loose: 40 % of the coolant is in its reading" in sentence(loose, 12, MIN)
     jump = Finding("thermocouple", 3, 1, 0, kind=Kind.JUMP, size=-0.4)
-    assert "has jumped by -0.4 K" in sentence(jump, 12, MIN)
+    assert "has jumped by −0.4 K" in sentence(jump, 12, MIN)
 
 
 def test_cooling_and_a_leak_are_told_with_their_bands():
@@ -30,3 +30,13 @@ def test_cooling_and_a_leak_are_told_with_their_bands():
     leak = Leak(2, -1e-3, 1e-4, 5e-3, 1e-3, 0.02, 0, 4.0).text
     assert "5 ± 2 mA (0.02 W)" in leak
     assert "1 ± 0.2 mV/h for 4.0 h at rest (10 sd)" in leak
+
+
+def test_numbers_have_a_true_minus():
+    """ "Reads -3.8 K off" stood beside numbers with a minus."""
+    inlet = Finding("inlet", 3, None, 0, size=3.84)
+    assert "the coolant inlet reads −3.8 K off what the cells feel" in sentence(inlet, 12, MIN)
+    slope = Finding("thermocouple", 3, 1, 0, kind=Kind.SLOPE, size=-1.25)
+    assert "drifts by −1.2 K/h" in sentence(slope, 12, MIN)
+    cooling = Finding("cooling", 3, None, 0, size=-0.2)
+    assert "(R_u −20 %)" in sentence(cooling, 12, MIN)

@@ -7,11 +7,12 @@ import pytest
 
 from bms_gateway.diagnosis.compare import CoreCheck, compare
 from bms_gateway.diagnosis.core_known import known_core
-from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
+from bms_gateway.report.core_text import core_document, core_sentence, core_text, outside, thermocouple_sentence
 from bms_gateway.report.html_evidence import evidence, summary
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.step_names import REFITTED
 from bms_gateway.workbench.documents import compared as compared_document
+from bms_gateway.workbench.documents import told_core
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log
 
@@ -47,6 +48,25 @@ def test_a_band_of_a_cell_without_a_thermocouple_says_what_it_assumes(proven, un
     else:
         assert f"{said} no thermocouple" in sentence
         assert "R_e of all cells is the same to within 2 % (1 sd), as the model file says." in sentence
+
+
+def test_reasons_against_a_core_have_labels_and_a_true_minus():
+    """The page said "-1 1/h" and "resistance_drift.a ends 3.3 sd" where it said "−1 1/h" and "growth" elsewhere."""
+    why = (
+        "Added by force, though: growth (a) ends at its bound, -1 1/h: not believed.",
+        "Added by force, though: evidence too weak (log-odds -5.7).",
+        "resistance_drift.a ends 3.3 sd from what was known of it.",
+        "cell_cooling:2.a ends at its bound.",
+    )
+    core = SimpleNamespace(
+        half_width_K=np.ones(1), proven=False, unseen=(), unlike=0.0, sd_K=0.5, centre_sd_K=0.5, why=why
+    )
+    page = told_core(core)["why"]
+    assert page[0].endswith("−1 1/h: not believed.")
+    assert page[1].endswith("(log-odds −5.7).")
+    assert page[2].endswith("growth (resistance_drift.a) ends 3.3 sd from what was known of it.")
+    assert page[3].endswith("(cell_cooling:2.a) ends at its bound.")
+    assert "growth (resistance_drift.a) ends 3.3 sd" in core_text(core)
 
 
 def test_the_cells_that_no_record_of_a_string_has_are_told() -> None:

@@ -4,6 +4,8 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
+from bms_gateway.config.model_file import read_model
+from bms_gateway.records.read import read_measurements
 from bms_gateway.setup.resting import REST_S, Surroundings, surroundings
 from tests.setup.parked_vehicle import T, parked
 from tests.setup.proposals import proposed
@@ -54,6 +56,9 @@ def test_both_are_written_into_the_config(tmp_path, capsys) -> None:
     assert loaded.config.observer.inlet_K == 1.0
     (inlet,) = (c for c in loaded.plan.strings[0].channels if c.quantity == "coolant_inlet")
     assert inlet.constant == pytest.approx(18.2)
+    (model,) = [path for path in out.glob("*.toml") if path.name != "gateway.toml"]
+    (record,) = read_measurements([log], model=read_model(model), config=out / "gateway.toml")
+    assert record.assumed["coolant_inlet"] == "18.2 °C all along, by the configuration"
 
 
 def test_what_no_surroundings_have_is_not_taken_for_theirs(tmp_path) -> None:

@@ -107,10 +107,17 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
         assert "Something unknown remains" in page.text("#panel-add .way li:last-child")
         assert page.run("return document.querySelectorAll('#panel-add .bar.unproven').length") >= 6
         assert "core is not proven" in page.text("#hatched")
+        # and that it was added by force, wherever the step stands
+        step = "+ coolant arrives late (coolant_delay), by force"
+        for where in ("#what", "#variants", "#bar-names", "#panel-add .way li:last-child", "#legend"):
+            assert step in page.run("return document.querySelector(arguments[0]).textContent", where), where
+        legend = "[...document.querySelectorAll('#plot-surface .legendtext')].map(t => t.textContent).join(' ')"
+        page.wait(f"return {legend}.includes('by force')")
         hatch = "return getComputedStyle(document.querySelector('#panel-add .bar.unproven i')).backgroundImage"
         assert "repeating-linear-gradient" in page.run(hatch)
         report = page.run(take, desk)
         assert 'class="alarm">Core not proven' in report
+        assert "(coolant_delay), by force" in report
         assert 'class="alarm">Something unknown remains' in report
         assert 'class="danger">Thermocouple in the core of cell 1' in report
         page.click("#tab-take")

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bms_gateway.errors import signed
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.limits import BAND_SD
 from bms_gateway.thermal import Floats
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 LEAST_SHARE = 0.01
 """Least share of the evidence of another cause that is named."""
 TROUBLE = {
-    Kind.JUMP: "has jumped by {0:+.1f} K",
-    Kind.SLOPE: "drifts by {0:+.1f} K/h",
+    Kind.JUMP: "has jumped by {0} K",
+    Kind.SLOPE: "drifts by {0} K/h",
     Kind.LOOSE: "has come loose: {1:.0f} % of the coolant is in its reading",
     Kind.LAG: "follows its cell a minute late or more ({1:.0f} % of its reading): it has come off",
 }
@@ -54,9 +55,8 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
             "credible, check its sensor, scale and wiring"
         )
     if f.code == "cooling":
-        return (
-            f"heat leaves all cells less well (R_u {100 * f.size:+.0f} %){else_}: check fan or pump, filter and ducts"
-        )
+        lost = f"(R_u {signed(100 * f.size, 0)} %)"
+        return f"heat leaves all cells less well {lost}{else_}: check fan or pump, filter and ducts"
     if f.still_s:
         return (
             f"the coolant inlet has read exactly the same for {f.still_s / 60.0:.0f} min, and before it moved all the "
@@ -64,10 +64,10 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         )
     if f.code == "inlet":
         return (
-            f"the coolant inlet reads {-f.size:+.1f} K off what the cells feel{else_}: its sensor is frozen or wrong, "
-            "check it"
+            f"the coolant inlet reads {signed(-f.size)} K off what the cells feel{else_}: its sensor is frozen "
+            "or wrong, check it"
         )
-    what = TROUBLE[f.kind].format(f.size, 100 * f.size)
+    what = TROUBLE[f.kind].format(signed(f.size), 100 * f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
 
 

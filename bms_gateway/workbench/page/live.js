@@ -1,5 +1,5 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
-import { $, LOST, el, post, attempt, complain, counted, clock, fixed, many, moment, plain, sentence, wallMs, when } from "./util.js";
+import { $, LOST, el, post, attempt, complain, counted, clock, fixed, many, moment, plain, sentence, wallMs, when, wide } from "./util.js";
 import * as past from "./past.js";
 
 // Cividis, told apart with any common colour blindness, dark to light as the hottest point of the cell gets hotter.
@@ -147,7 +147,7 @@ function happened() {
     ...choice("event-string", "of", [["", "all strings"], ...about.strings.map((s) => [s.name, s.name])]),
     el("a", { class: "file", id: "export-events", href: "/api/happened", download: "events.csv" }, "Export events (CSV)")),
     el("p", { class: "muted" }, "To acknowledge marks an event as seen on this page, for all who look at it; if it comes again, it is new again. The alarms of the running service end by: bms-gateway acknowledge STRING --reason TEXT."),
-    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of events" }, el("table", { id: "events" })));
+    wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of events" }, el("table", { id: "events" }))));
 }
 
 function events(p, again = false) {

@@ -1,5 +1,5 @@
 // Two cursors with their difference, and statistics of the window: the server reckons both from every sample.
-import { $, el, get, ui, keep, complain, afterwards } from "./util.js";
+import { $, el, get, ui, keep, complain, afterwards, wide } from "./util.js";
 
 const AFTER_MS = 80; // of the last move, the values are asked for
 const STEPS = 400; // of a slider
@@ -109,6 +109,7 @@ function table(curves, window, places) {
       ...[...cells, slope, ...[c.min, c.max, c.mean, c.rms].map(fixed), String(c.count)].map((t) => el("td", { class: "n" }, t)));
   });
   $("measures").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...heads().map((t) => el("th", { scope: "col", class: t === "Curve" ? null : "n" }, t)))), el("tbody", {}, ...rows)));
+  wide($("measures")); // its table is another one
   $("measures").dataset.window = window.join();
   $("measures").dataset.cursors = places.join();
 }
@@ -120,6 +121,7 @@ export function toggle() {
 }
 
 export function prepare(redraw) {
+  wide($("measures"));
   $("measure").addEventListener("toggle", () => {
     keep({ measuring: on() });
     if (!shown) return;

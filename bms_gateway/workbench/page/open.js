@@ -1,5 +1,5 @@
 // The table of columns: what each column of a foreign table is, with its unit and sign, guessed and to be confirmed.
-import { $, el, get, post, ui, until, attempt, complain, many, sentence } from "./util.js";
+import { $, el, get, post, ui, until, attempt, complain, many, sentence, wide } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
   voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
@@ -83,9 +83,9 @@ function columnsOf(g) {
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
         : guessed ? `${many(guessed, "column is", "columns are")} guessed (marked ?): check ${guessed === 1 ? "it, with its unit and sign" : "them, with their units and signs"}.` : "The names of the columns say what they are."),
     hasInlet(g) ? "" : constant(g, k),
-    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
+    wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
       el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Read as"].map((t) => el("th", { scope: "col" }, t)))),
-        el("tbody", {}, ...g.rows.map((r) => line(g, r))))),
+        el("tbody", {}, ...g.rows.map((r) => line(g, r)))))),
     look.notes.length ? el("p", { class: "muted" }, `${sentence(look.notes.join("; "))}.`) : ""];
 }
 

@@ -1,5 +1,5 @@
 // The stage: string drawing, plots of the chosen cell with linked time axes, curves of an effect laid over them.
-import { $, el, get, ui, keep, K, amount, complain, until, afterwards } from "./util.js";
+import { $, el, get, ui, keep, K, amount, complain, until, afterwards, wide } from "./util.js";
 import { sketch } from "./sketch.js";
 import * as measure from "./measure.js";
 import * as tracks from "./tracks.js";
@@ -480,7 +480,7 @@ function regimes() {
   $("regimes").hidden = !html;
   if (html && $("regimes").dataset.html !== html.length + name + state.version) {
     $("regimes").dataset.html = html.length + name + state.version;
-    $("regimes").replaceChildren(el("h2", {}, `Error by regime: ${name}`), el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of errors by regime", html }));
+    $("regimes").replaceChildren(el("h2", {}, `Error by regime: ${name}`), wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of errors by regime", html })));
   }
 }
 

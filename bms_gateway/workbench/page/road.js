@@ -1,9 +1,10 @@
 // The panels of the road: open, compare, diagnose, add, take away.
-import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many, sentence } from "./util.js";
+import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many, sentence, wide } from "./util.js";
 import * as columns from "./open.js";
 import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
 import { noteBox, noted, withNotes } from "./notes.js";
+import { opened } from "./records.js";
 
 let state = null;
 export const busy = () => Boolean(state?.job);
@@ -28,7 +29,7 @@ const fold = (id, title, ...inside) =>
 // In narrow places a long symbol may be broken after its points and underscores.
 const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/\S{12,}/g, (word) => word.replace(/[._]/g, "$&<wbr>")));
 const softly = (text) => text.split(/(?<=[._])(?=\S)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));
-const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
+const scroll = (name, html) => wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) }));
 
 export function prepare() {
   $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
@@ -182,7 +183,7 @@ export function show(next) {
   $("what").hidden = !state.opened;
   document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
-  doubt(); opened(); compare(); verdict(); adding(); away();
+  doubt(); opened(state, fold, (string) => { $("string").value = string; typed(); $("open-form").requestSubmit(); }); compare(); verdict(); adding(); away();
   settle();
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
 }
@@ -201,25 +202,6 @@ function doubt() {
     top?.remains && el("span", { title: top.remains }, "Something unknown remains. "),
     top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
     ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
-}
-
-function opened() {
-  const o = state.opened;
-  $("opened").replaceChildren();
-  if (!o) return;
-  const several = o.records.length > 1;
-  const by = (x) => (several ? `${short(x.record)}: ` : "");
-  $("opened").append(
-    ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
-    ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
-    el("h3", {}, "Records"),
-    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(r.minutes < 10 ? 1 : 0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
-    el("h3", {}, "Direct checks"),
-    o.checks.length
-      ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, sentence(`${c.weight}: `)), by(c) + c.sentence)))
-      : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
-    o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + sentence(n.note))))) : "",
-  );
 }
 
 const none = (text) => [el("p", { class: "muted" }, text)];
@@ -254,14 +236,17 @@ function core(c) {
 function verdict() {
   const d = state.diagnosed;
   const box = $("panel-diagnose");
-  const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
+  const button = el("button", { class: d && !state.diagnosed_of ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
     d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
   if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   if (state.diagnosed_of) box.append(el("p", { class: "muted", id: "found-for" }, `Found for “${state.diagnosed_of}”, before what has been added since:`));
+  // judged by the gate of adding for the model that was diagnosed; of a later model it knows nothing
+  const free = state.diagnosed_of ? [] : (d.offer ?? []).filter((k) => !inModel(k));
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
-    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}${d.selected.filter((k) => !inModel(k)).length > 1 ? " at once" : ""}`)) : "",
+    d.not_offered ? el("p", { class: "alarm", id: "not-offered" }, d.not_offered) : "",
+    free.length ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(free) }, `Add ${labels(free)}${free.length > 1 ? " at once" : ""}`)) : "",
     ...core(d.core));
   const list = el("ul", { class: "effects" });
   let before = null;
@@ -358,7 +343,7 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
-  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.forced ? " (by force)" : s.core?.proven === false ? " (core not proven)" : ""}`]));
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.core?.proven === false ? " (core not proven)" : ""}`]));
   barsWorse.replaceChildren(...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
@@ -416,7 +401,7 @@ function adding() {
   if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " Hatched: the surface may be better, the core is not proven."));
   const way = el("ol", { class: "way" });
   for (const s of state.steps) {
-    const item = el("li", {}, s.name, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+    const item = el("li", {}, s.forced ? el("b", { class: "alarm" }, s.name) : s.name);
     if (s.worse) item.append(el("br"), el("b", { class: "danger worse" }, s.worse));
     if (s.remains) item.append(el("br"), el("b", { class: "alarm" }, s.remains));
     if (s.told) {
@@ -483,7 +468,7 @@ const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) 
 
 async function report() {
   readyBox.replaceChildren();
-  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report" })}`);
+  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", ...(ticked(state.steps)[0] === state.steps[0] ? { filed: 1 } : {}) })}`);
   if (!response.ok) throw new Error((await response.json()).error);
   const href = URL.createObjectURL(await response.blob());
   // a browser saves only what a person has just asked for; a report may take longer than it remembers that

@@ -27,7 +27,7 @@ const color = (record, dark) => COLORS[record % COLORS.length][dark ? 1 : 0];
 export function curves(figure, dark, top) {
   return (figure.beside ?? []).flatMap((b) => {
     const own = { color: color(b.record, dark), width: 1.2 };
-    const data = b.data.map((d) => ({ ...d, name: brief(b.source), legendgroup: b.source, showlegend: d.name === "measured" || d.name === "thermocouple in the core", line: { ...d.line, ...own, dash: "solid" } }));
+    const data = b.data.map((d) => ({ ...d, name: brief(b.source), legendgroup: b.source, showlegend: d.name === "measured" || d.name === "thermocouple in the core", line: { ...d.line, ...own, dash: d.meta ? "dash" : "solid" } }));
     const step = b.steps.find((s) => s.name === top);
     const line = (of, more) => ({ type: "scatter", mode: "lines", ...of, legendgroup: b.source, line: { ...own, width: 1.6, dash: "dash" }, ...more });
     if (step?.model) data.push(line(step.model, { name: `${brief(b.source)}, ${top}`, showlegend: true }));

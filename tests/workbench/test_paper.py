@@ -1,0 +1,86 @@
+"""A report on paper: nothing is cut at an edge, runs over its frame, or breaks inside a word; and it holds the map."""
+
+import base64
+
+import pytest
+
+from bms_gateway.cli.main import main
+from tests.report.html_page import Page
+from tests.truth.packs import pack as make_pack
+
+pytestmark = pytest.mark.slow  # a browser, and fits
+PAPER = (690, 1000)
+"""Width between the margins of an upright page, px."""
+CUT = """
+dispatchEvent(new Event('beforeprint'));
+await new Promise(done => setTimeout(done, 1500));
+const over = [];
+for (const plot of document.querySelectorAll('.plot')) {
+  const edge = plot.getBoundingClientRect().right;
+  for (const t of plot.querySelectorAll('.legendtext, .annotation'))
+    if (t.getBoundingClientRect().right > edge + 1) over.push(plot.id + ': ' + t.textContent);
+}
+for (const card of document.querySelectorAll('.card'))
+  for (const dd of card.children) if (dd.scrollWidth > dd.clientWidth + 1) over.push('card: ' + dd.textContent);
+for (const th of document.querySelectorAll('table.grouped tbody th')) {
+  const tall = th.offsetHeight > 1.9 * parseFloat(getComputedStyle(th).lineHeight);
+  if (tall) over.push('row: ' + th.textContent);
+}
+return over;
+"""
+BROKEN = """
+const found = [];
+const walk = document.createTreeWalker(document.querySelector('table.ranking') ?? document.body, NodeFilter.SHOW_TEXT);
+while (walk.nextNode()) {
+  for (const word of walk.currentNode.textContent.matchAll(/[a-z]+_[a-z_]+/g)) {
+    const range = document.createRange();
+    range.setStart(walk.currentNode, word.index);
+    range.setEnd(walk.currentNode, word.index + word[0].length);
+    if (new Set([...range.getClientRects()].map(r => Math.round(r.top))).size > 1) found.push(word[0]);
+  }
+}
+return found;
+"""
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"), seconds=800)
+
+
+def printed(window, page):
+    shown = window(f"file://{page}", PAPER)
+    shown.cdp("Emulation.setEmulatedMedia", media="print")
+    shown.wait("return document.documentElement.dataset.drawn")
+    return shown
+
+
+def test_a_report_with_long_names_fits_on_paper(window, pack, tmp_path):
+    """Names of steps were cut at the right edge of each figure, and cards ran over their frames."""
+    page = tmp_path / "a.html"
+    effects = ["ambient_loss", "inlet_offset", "resistance_drift"]
+    words = ["add", *effects, "--force", "--model", pack.model, "--data", pack.hidden, "--out", tmp_path / "x.toml"]
+    assert main([*map(str, words), "--html", str(page)]) == 0
+    shown = printed(window, page)
+    assert shown.run(CUT) == []
+    names = "return [...document.querySelectorAll('#overlay-1-1 .legendtext')].map(t => t.textContent).join(' ')"
+    for key in effects:
+        assert f"({key})" in shown.run(names)
+    # what is measured here is what is printed
+    pdf = base64.b64decode(shown.cdp("Page.printToPDF", printBackground=True)["data"])
+    assert pdf[:5] == b"%PDF-"
+    assert shown.complaints() == []
+
+
+def test_the_ranking_breaks_no_identifier_and_the_map_is_there(window, pack, tmp_path):
+    page = tmp_path / "d.html"
+    assert main(["diagnose", str(pack.hidden), "--model", str(pack.model), "--html", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    (drawn,) = Page(text).figures(text)["map-1"]["data"]
+    assert drawn["type"] == "heatmap"
+    assert drawn["y"] == ["1", "3"]
+    assert {len(row) for row in drawn["z"]} == {len(drawn["x"]) if isinstance(drawn["x"], list) else 150}
+    shown = printed(window, page)
+    assert shown.run(CUT) == []
+    assert shown.run(BROKEN) == []
+    assert shown.complaints() == []
