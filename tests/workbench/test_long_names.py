@@ -85,7 +85,9 @@ def test_long_names_of_files_and_steps_are_whole(window, axe, tmp_path):
             legend = "return document.querySelector('#plot-surface .legend').textContent.replaceAll(/\\s+/g, '')"
             assert "thermocouplesanswerlate(thermocouple_lag)" in page.run(legend), width
             assert page.run(HEIGHTS) > 0.7 * alone, width  # the legend takes no room from the curves
-            assert page.run("return document.querySelector('#map-title').innerText").endswith("(thermocouple_lag)")
+            assert page.run("return document.querySelector('#map-title').innerText").endswith(
+                "(thermocouple_lag), by force"
+            )
             assert faults(page, axe) == [], width
 
 
