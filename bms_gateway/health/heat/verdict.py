@@ -417,7 +417,7 @@ class Verdict:
         """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
-            low = g.colder_ns is None and has_ended(f, s, g, self.seen.gaps)
+            low = g.colder_ns is None and has_ended(f, s, g, self.seen.gaps, self._hot_cells, ~self.aside)
             failed = failed_since(self.findings, g, len(self.aside))
             seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.seen.read & ~failed)
             return self._quiet(g, now_ns, low and seen and not self.burning, ENDED_S)
