@@ -14,6 +14,7 @@ from tests.truth.hidden import open_circuit
 from tests.truth.pack import CAPACITY_AH, integrate, terms
 
 CELLS, SENSORS = 12, (2, 6, 10)
+RAMP_S = 120.0
 PACKS = {
     "liquid": {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.8, "R_cc": 4.0, "C_f": 60.0},
     "forced": {"C_c": 307.0, "C_s": 16.0, "R_e": 5.3e-3, "R_c": 1.4, "R_u": 1.6, "R_cc": 15.0, "C_f": 12.0},
@@ -63,7 +64,11 @@ class Case:
     volts : bool
         The voltage of the pack is on the bus.
     also : tuple of (int, float)
-        Further cells with the same fault, "heat" or "loose", since the same time, and its size in each.
+        Further cells with the same fault, "heat", "loose" or "off", since the same time, and its size in each.
+    ramp : float
+        K by which the coolant warms in the minutes (`RAMP_S`) from `ramp_at` on; it stays there.
+    stands : tuple of int, int
+        First and last second of a time in which no current flows.
     """
 
     pack: str
@@ -82,6 +87,9 @@ class Case:
     sensors: tuple[int, ...] = SENSORS
     volts: bool = False
     also: tuple[tuple[int, float], ...] = ()
+    ramp: float = 0.0
+    ramp_at: int = 3600
+    stands: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
@@ -126,10 +134,12 @@ def _terms(c: Case, rng: np.random.Generator):
         if rng.random() < 0.5:  # a stop on the way
             a = int(rng.integers(0, K))
             current[a : a + int(rng.integers(120, 1500))] = 0.0
+    current[slice(*c.stands)] = 0.0
     t = np.arange(K + 1)
     air = 25.0 + np.zeros(K + 1)
     if c.hard:
         air = air + 5.0 * np.sin(2 * np.pi * t / rng.uniform(5400, 20000) + rng.uniform(0, 6))
+    air = air + c.ramp * np.clip((t - c.ramp_at) / RAMP_S, 0.0, 1.0)
     start = air[0] + (rng.choice([0.0, 0.0, -8.0]) if c.hard else 0.0)
     x = terms(n, current, air, np.ones(K), 0.6, start=start, **draw)
     x.soc = np.clip(x.soc, 0.1, 0.95)
@@ -198,9 +208,9 @@ def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.nda
     k, after = c.cell - 1, np.arange(K) >= c.at
     hours = np.maximum(np.arange(K) - c.at, 0) / 3600.0
     if c.fault == "off":  # follows in 90 s
-        a = np.exp(-1 / 90.0)
+        a, here = np.exp(-1 / 90.0), [k, *(cell - 1 for cell, _ in c.also)]
         for i in range(c.at, K):
-            y[i, k] = a * y[i - 1, k] + (1 - a) * y[i, k]
+            y[i, here] = a * y[i - 1, here] + (1 - a) * y[i, here]
     elif c.fault == "loose":
         for cell, share in ((c.cell, c.size), *c.also):
             y[:, cell - 1] += after * share * (coolant[:, cell - 1] - surface[:, cell - 1])

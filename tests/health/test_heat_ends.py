@@ -78,6 +78,24 @@ def test_an_alarm_stays_while_the_cell_heats(layout: str, pack: str, watts: floa
     assert sum(any(level == 0 for _, level in x) for x in told) <= 1
 
 
+@pytest.mark.parametrize(
+    ("cells", "sensors", "heats"),
+    [(12, (2, 6, 10), {6: 10.0, 10: 10.0}), (8, (2, 5, 7), {2: 10.0, 5: 6.0})],
+)
+@pytest.mark.plain_cases(1)
+def test_the_alarms_of_two_cells_stay_while_they_heat(
+    cells: int, sensors: tuple[int, ...], heats: dict[int, float]
+) -> None:
+    """Bug: film and inlet had taken a part of the heat before it was found, and alarms ended after five minutes."""
+    (cell, watts), *also = heats.items()
+    case = Case(
+        "liquid", 0, 4200, "urban", "heat", cell, watts, at=2400, cells=cells, sensors=sensors, also=tuple(also)
+    )
+    told = heat_of(case, range(6000, 6006))
+    assert sum(x != [] for x in told) >= 5
+    assert all(level > 0 for x in told for _, level in x)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", ["urban", "rest"])
 @pytest.mark.parametrize(("layout", "pack", "watts"), [("one cell", "liquid", 30.0), ("three sensors", "small", 3.0)])

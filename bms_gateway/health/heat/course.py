@@ -199,6 +199,11 @@ class Course:
         """Reset some of the strings: films and the inlet's offset are to be found anew."""
         self.film[new], self.frozen[new] = np.nan, 0
 
+    def lose(self, lost: Bools, found: Bools) -> None:
+        """Note which strings (S,) have lost their inlet or found it again: what it did meanwhile is no step or rest."""
+        self.frozen[lost | found], self.leapt[lost] = 0, 0
+        self.inlet[found] = np.nan
+
     def sleep(self, slept_s: float) -> None:
         """Note a time without current; the offset between inlet and cells is then found anew."""
         self.frozen = np.full_like(self.frozen, -FOUND_STEPS)

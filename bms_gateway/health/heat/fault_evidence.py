@@ -179,6 +179,16 @@ class Evidence:
         self._born[s], self._before[s] = self.now, self.of.before[s]
         self._late[s] = np.nan
 
+    def renew(self, s: int) -> None:
+        """Note that the states common to all cells of string `s` have been set back to earlier values.
+
+        No fault of a cell or thermocouple has moved them so far, and faults of all cells begin again.
+        """
+        of_all = self.kinds >= Kind.FLOW
+        self._s[s, self.at.common] = 0.0
+        self._s[s][:, :, of_all] = self._first[:, None, of_all]
+        self._C[s][:, of_all] = self._D[s][:, of_all] = 0.0
+
     def take(self, x: Linear, *, read: bool = True) -> None:
         """Include one step of the filter; `read`: which readings came."""
         self._dear &= read  # in a sleep, all onsets that may begin in it are equally important

@@ -5,6 +5,7 @@ import numpy as np
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.layout import Bools
 from bms_gateway.thermal import Floats
 
 LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
@@ -28,10 +29,10 @@ def hold_films(E: Floats, w: Weighed, e: Evidence, s: int) -> None:
         E[heat] = np.minimum(E[heat], E[flow] - RARER)
 
 
-def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
+def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats, others: Bools) -> bool:
     """Return whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
 
-    A cell at rest that still heats does not cool; the estimate of its heat alone may be wrong by a multiple.
+    A cell that still heats does not cool beside the others; the estimate of its heat alone may be wrong by a multiple.
 
     Parameters
     ----------
@@ -41,7 +42,11 @@ def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
     g : Finding
     gaps : ndarray (m,), K
         Surfaces over the coolant, at the thermocouples.
+    others : ndarray of bool (m,)
+        Thermocouples that show cells without heat; if there are none, the gap itself counts.
     """
     gap = float(gaps[int(f.at.apart(s, g.place).argmin())])
+    if others.any():
+        gap -= float(np.median(gaps[others]))
     g.warmest = max(g.warmest, gap)
     return gap < COOLED * g.warmest

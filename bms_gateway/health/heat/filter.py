@@ -368,6 +368,14 @@ class HeatFilter:
             out[:, h, h] += np.where(self.open, np.square(self._open_sd) * (2.0 * self.dt / OPEN_S), 0.0)
         return out, with_read, moved[:, N:, N:]
 
+    def set_common(self, s: int, z: Floats, P: Floats) -> None:
+        """Set the states common to all cells of string `s` to values (6,) of this covariance, independent of others."""
+        c = self.at.common
+        self.z[s, c] = z
+        self._coolant.off[s] = self.z[s, self.at.inlet]
+        self.P[s, c, :], self.P[s, :, c] = 0.0, 0.0
+        self.P[s, c, c] = P
+
     def move(self, s: int, along: Floats, amplitude: float, var: float) -> None:
         """Shift the states of string `s` along a direction (N,) by `amplitude`, which has the variance `var`."""
         self.z[s] += along * amplitude

@@ -69,12 +69,15 @@ class SeenStep(NamedTuple):
         Whether no current flows and all thermocouples fall: few thermocouples then cannot show heat.
     age_s : float
         s since the state was found anew.
+    inlet : bool
+        The inlet is read.
     """
 
     read: Bools
     gaps: Floats
     cools: bool
     age_s: float
+    inlet: bool = True
 
 
 def held(since_ns: int | None, now_ns: int, dt: float, wait_s: float) -> bool:

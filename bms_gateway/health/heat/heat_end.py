@@ -12,6 +12,7 @@ import numpy as np
 from bms_gateway.health.heat.few_thermocouples import cooled
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.layout import Bools
 from bms_gateway.thermal import Floats
 
 LEAST_RATE = 1e-3
@@ -44,7 +45,7 @@ def heat_there(f: HeatFilter, s: int, place: int, places: Sequence[int]) -> tupl
     return float(information[j] @ f.z[s, h] / information[j, j]), float(information[j, j] ** -0.5)
 
 
-def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
+def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats, heats: Sequence[Finding], used: Bools) -> bool:
     """Whether the newest step of string `s` shows no heat `g` any more.
 
     Parameters
@@ -56,13 +57,20 @@ def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
         Heat that was found; the greatest gap between surface and coolant is kept in it.
     gaps : ndarray (m,), K
         Surfaces over the coolant, at the thermocouples.
+    heats : sequence of Finding
+        All heat that was found in the string.
+    used : ndarray of bool (m,)
+        Thermocouples whose readings are used.
     """
     now, sd = heat_there(f, s, g.place, g.places)
     alone = bool(f.usual.alone[s])
     low = now < ENDED_SD * sd and now + (ENDED_SD if alone else 1.0) * sd < ENDED_SHARE * g.size
     cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
+    hot = [int(f.at.apart(s, h.place).argmin()) for h in heats]
+    others = np.asarray(f.at.fitted[s] & used & ~np.isin(np.arange(f.at.sensed), hot), np.bool_)
+    cools = cooled(f, s, g, gaps, others)
     if not alone:
-        return low
+        return low and cools
     if f.calm[s]:
-        return cooled(f, s, g, gaps) and (low or (cold and now + sd < g.size))
+        return cools and (low or (cold and now + sd < g.size))
     return low

@@ -18,6 +18,7 @@ from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding, SeenStep
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.lost_inlet import LostInlet
 from bms_gateway.health.heat.many_heats import SURE
 from bms_gateway.health.heat.positive import not_cooled
 from bms_gateway.health.heat.reading_times import merged, weights
@@ -162,7 +163,8 @@ class HeatWatch:
         self.verdicts = [Verdict(s, self.filter, self.evidence, self.course) for s in range(S)]
         self._age = np.zeros(S)
         self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
-        self._inlet, self._heard_inlet = np.full((2, S), np.nan)
+        self._inlet = np.full(S, np.nan)
+        self._lost = LostInlet.of(self.filter)
         self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
         self._blind = np.zeros(S, np.bool_)
@@ -232,9 +234,9 @@ class HeatWatch:
             By string: findings that are new or have ended. None within a step.
         """
         square, current = self._rest.take(tick.square, tick.current, self._least_square, tick.y, self._grid.tick_s)
-        self._heard_inlet = np.where(np.isfinite(tick.inlet), tick.inlet, self._heard_inlet)
+        self._lost.newest = np.where(np.isfinite(tick.inlet), tick.inlet, self._lost.newest)
         self._ticked.append(tick._replace(square=square, current=current))
-        return self._step(now_ns, self._heard_inlet, tick.flow) if len(self._ticked) >= self._grid.ticks else None
+        return self._step(now_ns, self._lost.newest, tick.flow) if len(self._ticked) >= self._grid.ticks else None
 
     @property
     def _least_square(self) -> Floats:
@@ -290,7 +292,9 @@ class HeatWatch:
                     continue
                 f.P[s, f.at.flow, f.at.flow] += (0.5 * grown) ** 2
         inlet1 = np.where(np.isfinite(inlet1), inlet1, 25.0)
-        inlet0 = np.where(np.isfinite(self._inlet), self._inlet, inlet1)
+        self._lost.hear(f, read_inlet | self.course.constant_inlet, usable)
+        self._lost.free(f, self.evidence, self.course)
+        inlet0 = np.where(np.isfinite(self._inlet) & ~self._lost.found, self._inlet, inlet1)
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
         heard = f.running & ~unknown
         aside = np.stack([v.aside for v in self.verdicts])
@@ -310,7 +314,12 @@ class HeatWatch:
         w = self.evidence.weigh(None if flow is None else np.isfinite(flow))
         found = self._look(w, heat.mean(axis=0), inlet1, heard, usable, now_ns)
         self.told = self._tell(w)
-        quiet = heard & (self._age >= SETTLE_S) & np.array([not (v.suspects or v.findings) for v in self.verdicts])
+        quiet = (
+            heard
+            & ~self._lost.lost
+            & (self._age >= SETTLE_S)
+            & np.array([not (v.suspects or v.findings) for v in self.verdicts])
+        )
         self._sensors.learn(x.nu, x.var, used & quiet[:, None], f.calm, f.dt)
         return found
 
@@ -386,14 +395,16 @@ class HeatWatch:
         self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
-        sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
+        sound = heard & ~new & ~self._lost.lost & np.array([not v.of_string for v in self.verdicts])
         usual = self.evidence.usual(w, self._age > ONE_FAULT_S)
         learnt = np.clip(usual, 0.0, SURE) - self.course.ln
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
+        seen, lost = self._seen, self._lost.lost
         for v in self.verdicts:
-            seen = self._seen
-            v.seen = SeenStep(seen.used[v.s], seen.gaps[v.s], bool(seen.cools[v.s]), float(self._age[v.s]))
+            v.seen = SeenStep(
+                seen.used[v.s], seen.gaps[v.s], bool(seen.cools[v.s]), float(self._age[v.s]), not lost[v.s]
+            )
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # without a reading, a finding neither begins nor ends
             if of_note[v.s] or v.findings:

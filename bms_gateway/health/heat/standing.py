@@ -45,6 +45,8 @@ class Standing:
     ----------
     flowed_ns : int or None
         When a sudden change of the films was accepted.
+    known : bool
+        The inlet is read: what else happens to all cells is no work of the coolant.
     """
 
     s: int
@@ -52,6 +54,7 @@ class Standing:
     evidence: Evidence
     course: Course
     flowed_ns: int | None = None
+    known: bool = True
     _slow_ns: int | None = None
     _less_ns: int | None = None
 
@@ -93,7 +96,7 @@ class Standing:
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
         grown = float(self.course.grown(f)[s])
         own = float(each[self.evidence.kinds < Kind.FLOW].max()) > SUSPECT or hot
-        if "cooling" not in codes:
+        if "cooling" not in codes and self.known:
             flowed = self.flowed_ns is not None and lasted(self.flowed_ns, now_ns, f.dt) < FLOWED_S
             least, sure, hold = (COOLING, FLOW_SURE, HOLD_S) if flowed else (COOLING_GRAVE, FLOW_GRAVE, HOLD_COMMON_S)
             lost = u - self.course.film[s]

@@ -15,7 +15,7 @@ from bms_gateway.health.heat.finding import Finding, SeenStep, held, lasted
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.many_heats import SURE, Together
-from bms_gateway.health.heat.prior_odds import ln_prior
+from bms_gateway.health.heat.prior_odds import excluded, ln_prior
 from bms_gateway.health.heat.proven import early, known, may_be_else, may_be_heat, proven, undecided, watched
 from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.health.heat.shared_heat import share_out
@@ -137,6 +137,7 @@ class Verdict:
             told += self._weighed(each, w, now_ns)
         if not self.of.running[self.s]:
             return told
+        self._standing.known = self.seen.inlet
         for g in self._standing.look(w, each, {g.code for g in self.findings}, now_ns):
             self._tell(g, now_ns)
             told.append(g)
@@ -168,10 +169,8 @@ class Verdict:
         E = each + ln_prior(self.evidence, self.course, self.s)
         if self.of.usual.alone[self.s]:
             hold_films(E, w, self.evidence, self.s)
-        if self._proven:
-            E[kinds >= Kind.FLOW] = -np.inf
-        elif self.seen.cools and self.course.few[self.s] and self.aside.any():
-            E[kinds == Kind.HEAT] = -np.inf
+        cools = self.seen.cools and bool(self.course.few[self.s] and self.aside.any())
+        E[excluded(kinds, inlet=self.seen.inlet, proven=self._proven, cools=cools)] = -np.inf
         best = int(E.argmax())
         heats = sensors = None
         if each.max() >= SURE:
@@ -418,7 +417,7 @@ class Verdict:
         """Return whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
-            low = g.colder_ns is None and has_ended(f, s, g, self.seen.gaps)
+            low = g.colder_ns is None and has_ended(f, s, g, self.seen.gaps, self._hot_cells, ~self.aside)
             failed = failed_since(self.findings, g, len(self.aside))
             seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.seen.read & ~failed)
             return self._quiet(g, now_ns, low and seen and not self.burning, ENDED_S)
@@ -430,7 +429,8 @@ class Verdict:
             return self._quiet(g, now_ns, self._grown() < COOLING_BACK, 120.0)
         if g.code == "inlet":
             off, sd = abs(float(f.z[s, at.inlet])), sqrt(float(f.P[s, at.inlet, at.inlet]))
-            return self._quiet(g, now_ns, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
+            right = off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S)
+            return self._quiet(g, now_ns, right and self.seen.inlet, 300.0)
         return self._quiet(g, now_ns, float(f.made()[0][s]) > MISSING_BACK, 60.0)
 
     def _near(self, g: Finding) -> bool:
@@ -482,6 +482,8 @@ class Verdict:
         s, f, at = self.s, self.of, self.of.at
         if g.kind is Kind.FLOW:
             g.size = self._grown()
+        elif g.kind is Kind.INLET and not self.seen.inlet:
+            return
         elif g.kind is Kind.INLET:
             g.size = float(f.z[s, at.inlet])
             g.still_s = float(self.course.frozen[s] * f.dt) if self.course.stuck[s] else 0.0

@@ -1,0 +1,33 @@
+"""An inlet that is not read for minutes: the coolant may move, no sensor or film is blamed, and faults are told on.
+
+The truth is `tests.truth.pack` by way of the benchmark's cases.
+"""
+
+import pytest
+
+from tests.benchmarks.bench_gaps import Gap, follow
+from tests.benchmarks.heat_case import Case, make, with_seeds
+
+AT = 1800
+
+
+@pytest.mark.parametrize(
+    ("pack", "drive", "lasts", "ramp"), [("liquid", "us06", 600, -4.0), ("small", "urban", 120, 4.0)]
+)
+@pytest.mark.plain_cases(2)
+def test_coolant_that_moves_while_its_inlet_is_not_read_is_no_fault(
+    pack: str, drive: str, lasts: int, ramp: float
+) -> None:
+    """Bug: the inlet was said to be off what the cells feel while it was not available, or the cooling to be worse."""
+    case = Case(pack, 0, AT + lasts + 900, drive, ramp=ramp, ramp_at=AT)
+    assert follow(make(with_seeds(case, range(30, 36))), Gap("inlet", AT, lasts)) == [[]] * 6
+
+
+@pytest.mark.parametrize(("fault", "size", "code"), [("fan", 0.0, "cooling"), ("heat", 10.0, "unexplained_heat")])
+@pytest.mark.plain_cases(2)
+def test_a_fault_that_begins_while_the_inlet_is_not_read_is_told(fault: str, size: float, code: str) -> None:
+    lasts = 300
+    case = Case("liquid", 0, AT + lasts + 900, "us06", fault, size=size, at=AT + 150)
+    for told in follow(make(with_seeds(case, range(30, 36))), Gap("inlet", AT, lasts)):
+        assert [c for _, c, _, level in told if level] == [code]
+        assert case.at < told[0][0] <= AT + lasts + 480
