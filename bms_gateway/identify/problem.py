@@ -26,8 +26,9 @@ from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, String
 from bms_gateway.thermal.drive import Drive, cut
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
+from bms_gateway.thermal.recursion import Recursion
 from bms_gateway.thermal.system import System
-from bms_gateway.thermal.trajectory import Recursion, Variation, readings, reference, sensitivities, simulate
+from bms_gateway.thermal.trajectory import Variation, readings, reference, sensitivities, simulate
 
 MEMORIES = 32
 """Number of sets of numbers whose memories are kept."""

@@ -25,6 +25,7 @@ import numpy as np
 
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.physics import Memory, Numbers
+from bms_gateway.thermal.recursion import Recursion, exponentials
 from bms_gateway.thermal.system import System
 
 TOLERANCE = 2e-4
@@ -35,141 +36,10 @@ LEAST_INTERVALS = 8
 fewer intervals than this is solved step by step instead."""
 SUBSTEPS = 8
 """Steps of each interval that is solved step by step: a surface passes a narrow melting peak in several of them."""
-CACHE = 120_000
-"""Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
-WIDE = 1_000
-"""States times columns above which the recursion takes single steps: each product is then large enough."""
-TERMS, LEAST_SIZE = 14, 0.5
-"""Terms of the exponential's series, and the norm of a matrix up to which they are exact to the last digit."""
 NUDGE = 1e-4
 """K: step for slopes of the balances; a thousandth of the width of the narrowest peak, far above rounding."""
 COLD, HOT = -200.0, 1000.0
 """°C: bounds of a trajectory. A trajectory that diverges is held there, so that a fit can go back to better numbers."""
-
-
-class Recursion:
-    """X⁺ = Φ X + Γ w over many steps and columns.
-
-    Parameters
-    ----------
-    A : ndarray (D, D), 1/s
-    dt : float, s
-    steps : int
-        Usual number of steps: determines the length of a block.
-    """
-
-    def __init__(self, A: Floats, dt: float, steps: int) -> None:
-        self.A, self.dt = A, dt
-        self._longer: Recursion | None = None
-        self.Phi, phi = exponentials(A * dt)
-        self.Gamma = phi * dt
-        self.block = max(1, int(np.sqrt(steps)))
-        powers = [np.eye(len(A))]
-        with np.errstate(over="ignore", invalid="ignore"):  # as in `run`: numbers tried on the way
-            for _ in range(self.block):
-                powers.append(self.Phi @ powers[-1])
-        self._whole = powers.pop()
-        self._ends = np.concatenate(powers[::-1], axis=1)
-
-    def with_steps(self, dt: float, steps: int) -> "Recursion":
-        """Return the recursion with steps of another length; the last such recursion is stored."""
-        if self._longer is None or self._longer.dt != dt:
-            self._longer = Recursion(self.A, dt, steps)
-        return self._longer
-
-    def run(self, x0: Floats, w: Floats) -> Floats:
-        """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
-
-        With parameters that a fit tries, the states may diverge: the result is then infinite or NaN. Time is the
-        fastest axis of the result in memory; `w` is read fastest if it has the same layout.
-        """
-        N, D, P = w.shape
-        out = np.empty((P, D, N + 1))
-        w = w.transpose(2, 1, 0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            if D * P >= WIDE:
-                self._step(x0, w, out)
-                return out.transpose(2, 1, 0)
-            some = max(1, CACHE // (N * D))
-            for first in range(0, P, some):
-                columns = slice(first, first + some)
-                self._run(x0[:, columns], w[columns], out[columns])
-        return out.transpose(2, 1, 0)
-
-    def _step(self, x0: Floats, w: Floats, out: Floats) -> None:
-        """Run many columns of a long string in steps, using only rows of `w` that are not zero."""
-        driven = np.flatnonzero(w.any(axis=(0, 2)))
-        x = np.ascontiguousarray(x0)
-        out[..., 0] = x.T
-        for first in range(0, w.shape[2], self.block):
-            some = w[:, driven, first : first + self.block].transpose(2, 1, 0)
-            states = np.matmul(self.Gamma[:, driven], some)
-            for state in states:
-                state += self.Phi @ x
-                x = state
-            out[..., first + 1 : first + len(some) + 1] = states.transpose(2, 1, 0)
-
-    def _run(self, x0: Floats, w: Floats, out: Floats) -> None:
-        P, D, N = w.shape
-        m = self.block
-        full, rest = divmod(N, m)
-        blocks = full + (rest > 0)
-        drive = np.empty((m, D, P, blocks))
-        drive[..., :full] = w[..., : full * m].reshape(P, D, full, m).transpose(3, 1, 0, 2)
-        if rest:
-            drive[rest:, ..., full] = 0.0
-            drive[:rest, ..., full] = w[..., full * m :].transpose(2, 1, 0)
-        drive = np.matmul(self.Gamma, drive.reshape(m, D, P * blocks))
-        # the end of each block if it started from zero; then its true start; then every step of all blocks
-        ends = (self._ends @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
-        starts = np.empty((D, P, blocks))
-        x = x0
-        for b in range(blocks):
-            starts[..., b] = x
-            x = self._whole @ x + ends[..., b]
-        z = starts.reshape(D, P * blocks)
-        for step in drive:
-            step += self.Phi @ z
-            z = step
-        states = drive.reshape(m, D, P, blocks)
-        out[..., 0] = x0.T
-        out[..., 1 : full * m + 1].reshape(P, D, full, m)[...] = states[..., :full].transpose(2, 1, 3, 0)
-        if rest:
-            out[..., full * m + 1 :] = states[:rest, ..., full].transpose(2, 1, 0)
-
-
-def exponentials(Z: Floats) -> tuple[Floats, Floats]:
-    r"""Matrix functions e^Z and φ₁(Z) = ∫₀¹ e^{Zs} ds, by the Taylor series for Z/2^k and k doublings.
-
-    .. math:: e^{2Z} = e^Z e^Z, \qquad \varphi_1(2Z) = \tfrac{1}{2} (e^Z + 1) \varphi_1(Z)
-
-    Examples
-    --------
-    >>> e, phi = exponentials(np.diag([-3.0, 0.0]))
-    >>> bool(np.allclose(e, np.diag([np.exp(-3.0), 1.0])))
-    True
-    >>> bool(np.allclose(phi, np.diag([-np.expm1(-3.0) / 3.0, 1.0])))
-    True
-
-    References
-    ----------
-    Higham, Functions of Matrices, 2008, section 10.7.4.
-    """
-    one = np.eye(len(Z))
-    size = float(np.abs(Z).sum(axis=0).max())
-    if not np.isfinite(size):
-        return np.full_like(Z, np.nan), np.full_like(Z, np.nan)
-    doublings = max(0, int(np.ceil(np.log2(max(size, LEAST_SIZE) / LEAST_SIZE))))
-    small = Z / 2.0**doublings
-    phi = one
-    for k in range(TERMS, 1, -1):
-        phi = one + small @ phi / k
-    e = one + small @ phi
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(doublings):
-            phi = 0.5 * (phi + e @ phi)
-            e = e @ e
-    return e, phi
 
 
 @dataclass(frozen=True, slots=True)

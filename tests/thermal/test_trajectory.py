@@ -8,8 +8,9 @@ import pytest
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from bms_gateway.thermal.drive import Drive, Span, cut
 from bms_gateway.thermal.physics import Physics
+from bms_gateway.thermal.recursion import Recursion
 from bms_gateway.thermal.system import System
-from bms_gateway.thermal.trajectory import Recursion, Variation, reference, sensitivities, simulate
+from bms_gateway.thermal.trajectory import Variation, reference, sensitivities, simulate
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
 
