@@ -161,8 +161,9 @@ class Problem:
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r] or self._refer(r, system.v, about)
             start = None if guess is None else guess[r]
-            X, ok = simulate(system, starts, recursion, start, halve=False)
-            if not ok:  # these numbers are far from those of the reference
+            # pieces have references of their own, so a steep span needs no second attempt as a whole
+            X, ok = simulate(system, starts, recursion, start, pieces=self.physics.steep)
+            if not ok and not self.physics.steep:  # these numbers are far from those of the reference
                 recursion = self._refer(r, system.v, about)
                 X, ok = simulate(system, starts, recursion, start)
             ys.append(signals_at(m, system, X))

@@ -1,8 +1,8 @@
 r"""Linear recursions X⁺ = Φ X + Γ w over many steps and columns at once, and the exponentials Φ and Γ of a Jacobian.
 
-A recursion of N steps runs blockwise: about √N steps of large products instead of N small ones. A short and narrow one,
-the trajectory of a few cells, is bound by the number of calls and not by the numbers in them: it runs as products with
-the whole response of a block.
+A recursion of N steps runs blockwise: about √N steps of large products instead of N small ones. With few numbers (one
+trajectory of a few cells) the number of calls determines the time: such a recursion runs as one product of the drive
+with the response of a whole block (`_Response`).
 """
 
 import numpy as np
@@ -13,6 +13,11 @@ CACHE = 120_000
 """Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
 WIDE = 1_000
 """States times columns above which the recursion takes single steps: each product is then large enough."""
+FEW, FEW_STATES = 16_000, 12
+"""Numbers in a recursion, and states, up to which it is the product with a response: 128 kB, the largest array that the
+C library takes from memory it already has."""
+RESPONSE = 48
+"""Rows of a response: the product with them takes no longer than the call."""
 TERMS, LEAST_SIZE = 14, 0.5
 """Terms of the exponential's series, and the norm of a matrix up to which they are exact to the last digit."""
 
@@ -31,6 +36,7 @@ class Recursion:
     def __init__(self, A: Floats, dt: float, steps: int) -> None:
         self.A, self.dt = A, dt
         self._longer: Recursion | None = None
+        self._response: _Response | None = None
         self.Phi, phi = exponentials(A * dt)
         self.Gamma = phi * dt
         self.block = max(1, int(np.sqrt(steps)))
@@ -55,8 +61,14 @@ class Recursion:
         """
         N, D, P = w.shape
         out = np.empty((P, D, N + 1))
-        w = w.transpose(2, 1, 0)
         with np.errstate(over="ignore", invalid="ignore"):
+            if D <= FEW_STATES and N * D * P <= FEW:
+                if self._response is None or self._response.steps < N:
+                    self._response = _Response(self.Phi, self.Gamma, max(N, self.block**2))
+                out[..., 0] = x0.T
+                out[..., 1:] = self._response.run(x0, w).transpose(2, 1, 0)
+                return out.transpose(2, 1, 0)
+            w = w.transpose(2, 1, 0)
             if D * P >= WIDE:
                 self._step(x0, w, out)
                 return out.transpose(2, 1, 0)
@@ -106,6 +118,46 @@ class Recursion:
         out[..., 1 : full * m + 1].reshape(P, D, full, m)[...] = states[..., :full].transpose(2, 1, 3, 0)
         if rest:
             out[..., full * m + 1 :] = states[:rest, ..., full].transpose(2, 1, 0)
+
+
+class _Response:
+    """States of a block of m steps as one product with what drives them, for all blocks at once.
+
+    The starts of the blocks follow the same recursion with Φ^m, and so on until one block is left.
+
+    Parameters
+    ----------
+    Phi, Gamma : ndarray (D, D)
+    steps : int
+        Greatest number of steps.
+    """
+
+    def __init__(self, Phi: Floats, Gamma: Floats, steps: int) -> None:
+        D, self.steps = len(Phi), steps
+        self.m = m = min(steps, max(2, RESPONSE // D))
+        powers = [np.eye(D)]
+        for _ in range(m):
+            powers.append(Phi @ powers[-1])
+        self._from_start = np.concatenate(powers[1:])
+        lag = np.subtract.outer(np.arange(m), np.arange(m))
+        response = np.where((lag >= 0)[..., None, None], np.stack(powers)[lag] @ Gamma, 0.0)
+        self._from_drive = response.transpose(0, 2, 1, 3).reshape(m * D, m * D)
+        blocks = -(-steps // m)
+        self._starts = _Response(powers[-1], np.eye(D), blocks - 1) if blocks > 1 else None
+
+    def run(self, x0: Floats, w: Floats) -> Floats:
+        """Return the states (N, D, P) after each step, from `x0` (D, P) under `w` (N, D, P)."""
+        N, D, P = w.shape
+        blocks = -(-N // self.m)
+        drive = np.zeros((blocks * self.m, D, P))
+        drive[:N] = w
+        states = self._from_drive @ drive.reshape(blocks, self.m * D, P)
+        starts = np.empty((blocks, D, P))
+        starts[0] = x0
+        if self._starts is not None and blocks > 1:
+            starts[1:] = self._starts.run(x0, states[:-1, -D:])
+        states += self._from_start @ starts
+        return states.reshape(-1, D, P)[:N]
 
 
 def exponentials(Z: Floats) -> tuple[Floats, Floats]:

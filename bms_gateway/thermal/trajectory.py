@@ -10,8 +10,7 @@ state over an interval and ū the mean inputs,
 is an exponential integrator of second order (Hochbruck & Ostermann 2010) that solves a linear string exactly. It is
 solved by waveform relaxation. Each sweep computes the bracket along the last trajectory, in one call for all intervals,
 and then runs the linear recursion. The error that remains (a resistance that depends on temperature and a changing flow
-are not in A) becomes smaller with every sweep. The recursion runs blockwise, with about √N steps of large products
-instead of N small ones.
+are not in A) becomes smaller with every sweep. Where the sweeps of a whole span do not converge, it is solved in pieces.
 
 Sensitivities S = ∂X/∂θ follow the same recursion, driven by finite differences of f along the trajectory. With a steep
 effect (a narrow melting peak multiplies the capacity) their sweeps converge too slowly, and sensitivities that have not
@@ -31,9 +30,15 @@ from bms_gateway.thermal.system import System
 TOLERANCE = 2e-4
 """K: sweeps end when the trajectory changes by less; a hundredth of the noise of the best thermocouples."""
 SWEEPS = 15
-LEAST_INTERVALS = 8
-"""A stretch whose sweeps do not converge is halved, because sweeps of a shorter stretch converge faster. A stretch with
-fewer intervals than this is solved step by step instead."""
+DIVERGING, SLOW = 1.5, 0.8
+"""Sweeps end without a result where a change is larger than the one before by the first factor; from the fifth sweep on
+by the second. Of the sweeps that converge, one in a hundred has grown so at the third."""
+EDGE = 0.25
+"""Share of the tolerance below which a part of a trajectory is settled if the rest of it is not."""
+LEAST_INTERVALS, LEAST_NEAR = 8, 32
+"""A span whose sweeps do not converge is solved in pieces, because sweeps of a shorter stretch converge faster. A
+stretch with fewer intervals than the first is solved step by step instead, and one with fewer than the second begins
+without the guess: near a peak, a guess from other numbers can be on its other side."""
 SUBSTEPS = 8
 """Steps of each interval that is solved step by step: a surface passes a narrow melting peak in several of them."""
 NUDGE = 1e-4
@@ -78,7 +83,7 @@ def simulate(
     guess: Floats | None = None,
     tolerance: float = TOLERANCE,
     *,
-    halve: bool = True,
+    pieces: bool = True,
 ) -> tuple[Floats, bool]:
     """Run the string freely over a record.
 
@@ -92,9 +97,9 @@ def simulate(
     guess : ndarray (N + 1, D), optional
         A trajectory near the result saves sweeps.
     tolerance : float, K
-    halve : bool
-        Whether a span on which the sweeps do not converge is halved until they do. A recursion about these very numbers
-        is a better first choice.
+    pieces : bool
+        Whether a span on which the sweeps do not converge is solved in pieces on which they do. A recursion about these
+        very numbers is a better first choice.
 
     Returns
     -------
@@ -105,11 +110,12 @@ def simulate(
     """
     parts, settled = [], True
     for x0, (rows, part) in zip(starts, system.parts(), strict=True):
-        X, ok = _relax(part, x0, recursion, None if guess is None else guess[rows], tolerance)
-        if not ok and halve:
-            X = _halved(part, x0, X, tolerance)
+        X, of_it = _relax(part, x0, recursion, None if guess is None else guess[rows], tolerance)
+        whole = of_it == part.u.N
+        if not whole and pieces:
+            X = _piecewise(part, x0, X if guess is None else guess[rows], tolerance, near=guess is not None)
         parts.append(X)
-        settled = settled and ok
+        settled = settled and whole
     return np.concatenate(parts), settled
 
 
@@ -175,36 +181,53 @@ def readings(system: System, X: Floats) -> Floats:
 
 def _relax(
     system: System, x0: Floats, recursion: Recursion, guess: Floats | None, tolerance: float
-) -> tuple[Floats, bool]:
-    X = np.tile(x0, (system.u.N + 1, 1)) if guess is None else guess
-    last = np.inf
+) -> tuple[Floats, int]:
+    """Sweep until the trajectory (N + 1, D) is settled; return it and for how many intervals it is."""
+    N = system.u.N
+    X = np.tile(x0, (N + 1, 1)) if guess is None else guess
+    last, moved = np.inf, np.empty((N + 1, len(x0)))
     for sweep in range(SWEEPS):
         mean = _means(X)
         w = system.rates(mean) - (recursion.A @ mean.T).T
         new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
-        change = float(np.abs(new - X).max())
+        moved = np.abs(new - X)
+        change = float(moved.max())
         X = new
         if change < tolerance:
-            return X, True
-        if not np.isfinite(change) or (sweep > 3 and change > 0.8 * last):
+            return X, N
+        if not np.isfinite(change) or (sweep > 1 and change > (SLOW if sweep > 3 else DIVERGING) * last):
             break
         last = change
-    return X, False
+    # what an interval does depends on those before it alone, so the first ones are settled while later ones are not
+    unsettled = ~(moved < EDGE * tolerance).all(axis=1)
+    return X, max(0, int(np.argmax(unsettled)) - 1)
 
 
-def _halved(system: System, x0: Floats, guess: Floats, tolerance: float) -> Floats:
-    """Solve the first half, then the second half from its end, each about its own mean."""
+def _piecewise(system: System, x0: Floats, guess: Floats, tolerance: float, *, near: bool) -> Floats:
+    """Solve stretch after stretch, each from the end of the one before it and about its own mean.
+
+    A stretch is as long as its sweeps allow: it ends where they have not settled, and the next one is twice as long as
+    what was settled. Sweeps of a long stretch begin with the guess if it is `near` the result.
+    """
     N = system.u.N
-    found = []
-    for first, last in ((0, N // 2), (N // 2, N)):
-        half = system.cut(first, last)
-        recursion = reference(half, np.clip(guess[first : last + 1].mean(axis=0), COLD, HOT))
-        X, ok = _relax(half, x0, recursion, None, tolerance)
-        if not ok:
-            X = _marched(half, x0) if half.u.N <= LEAST_INTERVALS else _halved(half, x0, X, tolerance)
-        found.append(X)
-        x0 = X[-1]
-    return np.concatenate([found[0][:-1], found[1]])
+    found, around = np.empty_like(guess), guess.copy()
+    found[0] = x0
+    first, length = 0, N // 2
+    while first < N:
+        last = min(first + length, N)
+        part, rows = system.cut(first, last), slice(first, last + 1)
+        recursion = reference(part, np.clip(around[rows].mean(axis=0), COLD, HOT))
+        X, settled = _relax(
+            part, found[first], recursion, guess[rows] if near and part.u.N > LEAST_NEAR else None, tolerance
+        )
+        if settled < min(part.u.N, LEAST_INTERVALS):
+            if part.u.N > LEAST_INTERVALS:
+                length, around[rows] = part.u.N // 2, X
+                continue
+            X, settled = _marched(part, found[first]), part.u.N
+        found[first : first + settled + 1] = X[: settled + 1]
+        first, length = first + settled, max(2 * settled, LEAST_INTERVALS)
+    return found
 
 
 def _marched(system: System, x0: Floats) -> Floats:

@@ -51,7 +51,7 @@ class FreeRun:
         u = drive_of(rows, dt)
         memory, carry = self._physics.memory(u, self._v, self._carry or None)
         system = System(self._physics, u, self._v, memory)
-        X, settled = simulate(system, (self._X,), self._near(system), halve=False)
+        X, settled = simulate(system, (self._X,), self._near(system), pieces=False)
         if not settled:
             X, _ = simulate(system, (self._X,), reference(system, self._X))
         self._next = X[-1], carry
