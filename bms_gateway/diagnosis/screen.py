@@ -20,8 +20,9 @@ from bms_gateway.identify.quadratic import solved
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.effects import EffectParameter
 from bms_gateway.thermal.physics import Numbers, Physics, with_effect
+from bms_gateway.thermal.recursion import Recursion
 from bms_gateway.thermal.system import System
-from bms_gateway.thermal.trajectory import Recursion, reference, simulate
+from bms_gateway.thermal.trajectory import reference, simulate
 
 AMPLITUDE_SD = 3.0
 """Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may be."""

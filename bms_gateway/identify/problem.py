@@ -26,8 +26,9 @@ from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, String
 from bms_gateway.thermal.drive import Drive, cut
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
+from bms_gateway.thermal.recursion import Recursion
 from bms_gateway.thermal.system import System
-from bms_gateway.thermal.trajectory import Recursion, Variation, readings, reference, sensitivities, simulate
+from bms_gateway.thermal.trajectory import Variation, readings, reference, sensitivities, simulate
 
 MEMORIES = 32
 """Number of sets of numbers whose memories are kept."""
@@ -160,8 +161,9 @@ class Problem:
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r] or self._refer(r, system.v, about)
             start = None if guess is None else guess[r]
-            X, ok = simulate(system, starts, recursion, start, halve=False)
-            if not ok:  # these numbers are far from those of the reference
+            # pieces have references of their own, so a steep span needs no second attempt as a whole
+            X, ok = simulate(system, starts, recursion, start, pieces=self.physics.steep)
+            if not ok and not self.physics.steep:  # these numbers are far from those of the reference
                 recursion = self._refer(r, system.v, about)
                 X, ok = simulate(system, starts, recursion, start)
             ys.append(signals_at(m, system, X))

@@ -10,8 +10,7 @@ state over an interval and ū the mean inputs,
 is an exponential integrator of second order (Hochbruck & Ostermann 2010) that solves a linear string exactly. It is
 solved by waveform relaxation. Each sweep computes the bracket along the last trajectory, in one call for all intervals,
 and then runs the linear recursion. The error that remains (a resistance that depends on temperature and a changing flow
-are not in A) becomes smaller with every sweep. The recursion runs blockwise, with about √N steps of large products
-instead of N small ones.
+are not in A) becomes smaller with every sweep. Where the sweeps of a whole span do not converge, it is solved in pieces.
 
 Sensitivities S = ∂X/∂θ follow the same recursion, driven by finite differences of f along the trajectory. With a steep
 effect (a narrow melting peak multiplies the capacity) their sweeps converge too slowly, and sensitivities that have not
@@ -25,151 +24,27 @@ import numpy as np
 
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.physics import Memory, Numbers
+from bms_gateway.thermal.recursion import Recursion, exponentials
 from bms_gateway.thermal.system import System
 
 TOLERANCE = 2e-4
 """K: sweeps end when the trajectory changes by less; a hundredth of the noise of the best thermocouples."""
 SWEEPS = 15
-LEAST_INTERVALS = 8
-"""A stretch whose sweeps do not converge is halved, because sweeps of a shorter stretch converge faster. A stretch with
-fewer intervals than this is solved step by step instead."""
+DIVERGING, SLOW = 1.5, 0.8
+"""Sweeps end without a result where a change is larger than the one before by the first factor; from the fifth sweep on
+by the second. Of the sweeps that converge, one in a hundred has grown so at the third."""
+EDGE = 0.25
+"""Share of the tolerance below which a part of a trajectory is settled if the rest of it is not."""
+LEAST_INTERVALS, LEAST_NEAR = 8, 32
+"""A span whose sweeps do not converge is solved in pieces, because sweeps of a shorter stretch converge faster. A
+stretch with fewer intervals than the first is solved step by step instead, and one with fewer than the second begins
+without the guess: near a peak, a guess from other numbers can be on its other side."""
 SUBSTEPS = 8
 """Steps of each interval that is solved step by step: a surface passes a narrow melting peak in several of them."""
-CACHE = 120_000
-"""Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
-WIDE = 1_000
-"""States times columns above which the recursion takes single steps: each product is then large enough."""
-TERMS, LEAST_SIZE = 14, 0.5
-"""Terms of the exponential's series, and the norm of a matrix up to which they are exact to the last digit."""
 NUDGE = 1e-4
 """K: step for slopes of the balances; a thousandth of the width of the narrowest peak, far above rounding."""
 COLD, HOT = -200.0, 1000.0
 """°C: bounds of a trajectory. A trajectory that diverges is held there, so that a fit can go back to better numbers."""
-
-
-class Recursion:
-    """X⁺ = Φ X + Γ w over many steps and columns.
-
-    Parameters
-    ----------
-    A : ndarray (D, D), 1/s
-    dt : float, s
-    steps : int
-        Usual number of steps: determines the length of a block.
-    """
-
-    def __init__(self, A: Floats, dt: float, steps: int) -> None:
-        self.A, self.dt = A, dt
-        self._longer: Recursion | None = None
-        self.Phi, phi = exponentials(A * dt)
-        self.Gamma = phi * dt
-        self.block = max(1, int(np.sqrt(steps)))
-        powers = [np.eye(len(A))]
-        with np.errstate(over="ignore", invalid="ignore"):  # as in `run`: numbers tried on the way
-            for _ in range(self.block):
-                powers.append(self.Phi @ powers[-1])
-        self._whole = powers.pop()
-        self._ends = np.concatenate(powers[::-1], axis=1)
-
-    def with_steps(self, dt: float, steps: int) -> "Recursion":
-        """Return the recursion with steps of another length; the last such recursion is stored."""
-        if self._longer is None or self._longer.dt != dt:
-            self._longer = Recursion(self.A, dt, steps)
-        return self._longer
-
-    def run(self, x0: Floats, w: Floats) -> Floats:
-        """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
-
-        With parameters that a fit tries, the states may diverge: the result is then infinite or NaN. Time is the
-        fastest axis of the result in memory; `w` is read fastest if it has the same layout.
-        """
-        N, D, P = w.shape
-        out = np.empty((P, D, N + 1))
-        w = w.transpose(2, 1, 0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            if D * P >= WIDE:
-                self._step(x0, w, out)
-                return out.transpose(2, 1, 0)
-            some = max(1, CACHE // (N * D))
-            for first in range(0, P, some):
-                columns = slice(first, first + some)
-                self._run(x0[:, columns], w[columns], out[columns])
-        return out.transpose(2, 1, 0)
-
-    def _step(self, x0: Floats, w: Floats, out: Floats) -> None:
-        """Run many columns of a long string in steps, using only rows of `w` that are not zero."""
-        driven = np.flatnonzero(w.any(axis=(0, 2)))
-        x = np.ascontiguousarray(x0)
-        out[..., 0] = x.T
-        for first in range(0, w.shape[2], self.block):
-            some = w[:, driven, first : first + self.block].transpose(2, 1, 0)
-            states = np.matmul(self.Gamma[:, driven], some)
-            for state in states:
-                state += self.Phi @ x
-                x = state
-            out[..., first + 1 : first + len(some) + 1] = states.transpose(2, 1, 0)
-
-    def _run(self, x0: Floats, w: Floats, out: Floats) -> None:
-        P, D, N = w.shape
-        m = self.block
-        full, rest = divmod(N, m)
-        blocks = full + (rest > 0)
-        drive = np.empty((m, D, P, blocks))
-        drive[..., :full] = w[..., : full * m].reshape(P, D, full, m).transpose(3, 1, 0, 2)
-        if rest:
-            drive[rest:, ..., full] = 0.0
-            drive[:rest, ..., full] = w[..., full * m :].transpose(2, 1, 0)
-        drive = np.matmul(self.Gamma, drive.reshape(m, D, P * blocks))
-        # the end of each block if it started from zero; then its true start; then every step of all blocks
-        ends = (self._ends @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
-        starts = np.empty((D, P, blocks))
-        x = x0
-        for b in range(blocks):
-            starts[..., b] = x
-            x = self._whole @ x + ends[..., b]
-        z = starts.reshape(D, P * blocks)
-        for step in drive:
-            step += self.Phi @ z
-            z = step
-        states = drive.reshape(m, D, P, blocks)
-        out[..., 0] = x0.T
-        out[..., 1 : full * m + 1].reshape(P, D, full, m)[...] = states[..., :full].transpose(2, 1, 3, 0)
-        if rest:
-            out[..., full * m + 1 :] = states[:rest, ..., full].transpose(2, 1, 0)
-
-
-def exponentials(Z: Floats) -> tuple[Floats, Floats]:
-    r"""Matrix functions e^Z and φ₁(Z) = ∫₀¹ e^{Zs} ds, by the Taylor series for Z/2^k and k doublings.
-
-    .. math:: e^{2Z} = e^Z e^Z, \qquad \varphi_1(2Z) = \tfrac{1}{2} (e^Z + 1) \varphi_1(Z)
-
-    Examples
-    --------
-    >>> e, phi = exponentials(np.diag([-3.0, 0.0]))
-    >>> bool(np.allclose(e, np.diag([np.exp(-3.0), 1.0])))
-    True
-    >>> bool(np.allclose(phi, np.diag([-np.expm1(-3.0) / 3.0, 1.0])))
-    True
-
-    References
-    ----------
-    Higham, Functions of Matrices, 2008, section 10.7.4.
-    """
-    one = np.eye(len(Z))
-    size = float(np.abs(Z).sum(axis=0).max())
-    if not np.isfinite(size):
-        return np.full_like(Z, np.nan), np.full_like(Z, np.nan)
-    doublings = max(0, int(np.ceil(np.log2(max(size, LEAST_SIZE) / LEAST_SIZE))))
-    small = Z / 2.0**doublings
-    phi = one
-    for k in range(TERMS, 1, -1):
-        phi = one + small @ phi / k
-    e = one + small @ phi
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(doublings):
-            phi = 0.5 * (phi + e @ phi)
-            e = e @ e
-    return e, phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +83,7 @@ def simulate(
     guess: Floats | None = None,
     tolerance: float = TOLERANCE,
     *,
-    halve: bool = True,
+    pieces: bool = True,
 ) -> tuple[Floats, bool]:
     """Run the string freely over a record.
 
@@ -222,9 +97,9 @@ def simulate(
     guess : ndarray (N + 1, D), optional
         A trajectory near the result saves sweeps.
     tolerance : float, K
-    halve : bool
-        Whether a span on which the sweeps do not converge is halved until they do. A recursion about these very numbers
-        is a better first choice.
+    pieces : bool
+        Whether a span on which the sweeps do not converge is solved in pieces on which they do. A recursion about these
+        very numbers is a better first choice.
 
     Returns
     -------
@@ -235,11 +110,12 @@ def simulate(
     """
     parts, settled = [], True
     for x0, (rows, part) in zip(starts, system.parts(), strict=True):
-        X, ok = _relax(part, x0, recursion, None if guess is None else guess[rows], tolerance)
-        if not ok and halve:
-            X = _halved(part, x0, X, tolerance)
+        X, of_it = _relax(part, x0, recursion, None if guess is None else guess[rows], tolerance)
+        whole = of_it == part.u.N
+        if not whole and pieces:
+            X = _piecewise(part, x0, X if guess is None else guess[rows], tolerance, near=guess is not None)
         parts.append(X)
-        settled = settled and ok
+        settled = settled and whole
     return np.concatenate(parts), settled
 
 
@@ -305,36 +181,53 @@ def readings(system: System, X: Floats) -> Floats:
 
 def _relax(
     system: System, x0: Floats, recursion: Recursion, guess: Floats | None, tolerance: float
-) -> tuple[Floats, bool]:
-    X = np.tile(x0, (system.u.N + 1, 1)) if guess is None else guess
-    last = np.inf
+) -> tuple[Floats, int]:
+    """Sweep until the trajectory (N + 1, D) is settled; return it and for how many intervals it is."""
+    N = system.u.N
+    X = np.tile(x0, (N + 1, 1)) if guess is None else guess
+    last, moved = np.inf, np.empty((N + 1, len(x0)))
     for sweep in range(SWEEPS):
         mean = _means(X)
         w = system.rates(mean) - (recursion.A @ mean.T).T
         new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
-        change = float(np.abs(new - X).max())
+        moved = np.abs(new - X)
+        change = float(moved.max())
         X = new
         if change < tolerance:
-            return X, True
-        if not np.isfinite(change) or (sweep > 3 and change > 0.8 * last):
+            return X, N
+        if not np.isfinite(change) or (sweep > 1 and change > (SLOW if sweep > 3 else DIVERGING) * last):
             break
         last = change
-    return X, False
+    # what an interval does depends on those before it alone, so the first ones are settled while later ones are not
+    unsettled = ~(moved < EDGE * tolerance).all(axis=1)
+    return X, max(0, int(np.argmax(unsettled)) - 1)
 
 
-def _halved(system: System, x0: Floats, guess: Floats, tolerance: float) -> Floats:
-    """Solve the first half, then the second half from its end, each about its own mean."""
+def _piecewise(system: System, x0: Floats, guess: Floats, tolerance: float, *, near: bool) -> Floats:
+    """Solve stretch after stretch, each from the end of the one before it and about its own mean.
+
+    A stretch is as long as its sweeps allow: it ends where they have not settled, and the next one is twice as long as
+    what was settled. Sweeps of a long stretch begin with the guess if it is `near` the result.
+    """
     N = system.u.N
-    found = []
-    for first, last in ((0, N // 2), (N // 2, N)):
-        half = system.cut(first, last)
-        recursion = reference(half, np.clip(guess[first : last + 1].mean(axis=0), COLD, HOT))
-        X, ok = _relax(half, x0, recursion, None, tolerance)
-        if not ok:
-            X = _marched(half, x0) if half.u.N <= LEAST_INTERVALS else _halved(half, x0, X, tolerance)
-        found.append(X)
-        x0 = X[-1]
-    return np.concatenate([found[0][:-1], found[1]])
+    found, around = np.empty_like(guess), guess.copy()
+    found[0] = x0
+    first, length = 0, N // 2
+    while first < N:
+        last = min(first + length, N)
+        part, rows = system.cut(first, last), slice(first, last + 1)
+        recursion = reference(part, np.clip(around[rows].mean(axis=0), COLD, HOT))
+        X, settled = _relax(
+            part, found[first], recursion, guess[rows] if near and part.u.N > LEAST_NEAR else None, tolerance
+        )
+        if settled < min(part.u.N, LEAST_INTERVALS):
+            if part.u.N > LEAST_INTERVALS:
+                length, around[rows] = part.u.N // 2, X
+                continue
+            X, settled = _marched(part, found[first]), part.u.N
+        found[first : first + settled + 1] = X[: settled + 1]
+        first, length = first + settled, max(2 * settled, LEAST_INTERVALS)
+    return found
 
 
 def _marched(system: System, x0: Floats) -> Floats:

@@ -17,8 +17,9 @@ from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.tangent import drive_of
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 from bms_gateway.thermal.physics import Physics
+from bms_gateway.thermal.recursion import Recursion
 from bms_gateway.thermal.system import System
-from bms_gateway.thermal.trajectory import Recursion, readings, reference, simulate
+from bms_gateway.thermal.trajectory import readings, reference, simulate
 
 STRAYED_K, STRAYED_FLOW = 3.0, 0.03
 """The Jacobian is renewed when a temperature, or ln(flow), is further than this from where it was taken. It does not
@@ -50,7 +51,7 @@ class FreeRun:
         u = drive_of(rows, dt)
         memory, carry = self._physics.memory(u, self._v, self._carry or None)
         system = System(self._physics, u, self._v, memory)
-        X, settled = simulate(system, (self._X,), self._near(system), halve=False)
+        X, settled = simulate(system, (self._X,), self._near(system), pieces=False)
         if not settled:
             X, _ = simulate(system, (self._X,), reference(system, self._X))
         self._next = X[-1], carry
