@@ -10,7 +10,7 @@ state over an interval and ū the mean inputs,
 is an exponential integrator of second order (Hochbruck & Ostermann 2010) that solves a linear string exactly. It is
 solved by waveform relaxation. Each sweep computes the bracket along the last trajectory, in one call for all intervals,
 and then runs the linear recursion. The error that remains (a resistance that depends on temperature and a changing flow
-are not in A) becomes smaller with every sweep. Where the sweeps of a whole span do not converge, it is solved in pieces.
+are not in A) becomes smaller with every sweep. A span whose sweeps do not converge as a whole is solved in pieces.
 
 Sensitivities S = ∂X/∂θ follow the same recursion, driven by finite differences of f along the trajectory. With a steep
 effect (a narrow melting peak multiplies the capacity) their sweeps converge too slowly, and sensitivities that have not
