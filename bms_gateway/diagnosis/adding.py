@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
-from bms_gateway.diagnosis.bounds import at_bound
+from bms_gateway.diagnosis.bounds import at_bound, below_least
 from bms_gateway.diagnosis.calibrate import UNTOLD, identify, moved, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
@@ -377,7 +377,7 @@ def unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
     """Say which number of an added effect is not plausible."""
     sd = np.sqrt(np.diag(posterior(fit)))
     for c in added:
-        if said := at_bound(fit, c):
+        if said := at_bound(fit, c) or below_least(fit, c):
             return f"{said}: not believed"
         told, off = [], False
         for p in c.effect.parameters:

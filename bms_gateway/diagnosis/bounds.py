@@ -1,12 +1,14 @@
-"""Numbers of an effect that a fit left at their bound: they do not prove the effect, even if they fit well."""
-
-from math import nan
+"""Numbers of an effect that do not prove it, however well they fit: at their bound, or below what a body can have."""
 
 import numpy as np
 
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.weighing import Trial
+from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.thermal.effects import EffectParameter, effect_named
+
+CERTAIN = 2.0
+"""Standard deviations by which a number must lie below its least value to exclude the effect."""
 
 
 def at_bound(fit: MapFit, c: Candidate) -> str:
@@ -18,12 +20,27 @@ def at_bound(fit: MapFit, c: Candidate) -> str:
             continue
         value = float(np.exp(free[name])) if p.log else free[name]
         if value != p.neutral:
-            unit = "" if p.unit == "1" else f" {p.unit}"
-            return f"{p.description} ({p.name}) ends at its bound, {value / p.to_si:.4g}{unit}"
+            return f"{p.description} ({p.name}) ends at its bound, {_shown(p, value, 4)}"
     return ""
 
 
-def believed_share(t: Trial) -> tuple[float, str]:
-    """Probability of a trial, and why it is refused; NaN if one of its numbers is at its bound."""
-    said = at_bound(t.fit, t.candidate)
-    return (nan, "; ".join(filter(None, (t.why, f"{said}: no proof")))) if said else (t.share, t.why)
+def below_least(fit: MapFit, only: Candidate | None = None) -> str:
+    """Say which number of a fit's effects (or of one) is certainly below what a body can have; empty if none is.
+
+    Two effects that look alike can fit together with a negative conductance of one, which the other makes up for.
+    """
+    for i, (c, z) in enumerate(zip(fit.problem.coordinates, fit.theta.tolist(), strict=True)):
+        if c.effect is None or (only is not None and c.effect != only.key):
+            continue
+        p = effect_named(c.effect.partition(":")[0]).parameter(c.name.rpartition(".")[2])
+        if not z < p.least:
+            continue
+        sd = float(np.sqrt(fit.covariance[i, i] * max(1.0, structure(fit).inflation)))
+        if z < p.least - CERTAIN * sd:
+            value, least = _shown(p, z, 3), _shown(p, p.least, 3)
+            return f"{p.description} ({c.name}) comes out as {value}, and nothing has less than {least}"
+    return ""
+
+
+def _shown(p: EffectParameter, value: float, digits: int) -> str:
+    return f"{value / p.to_si:.{digits}g}".replace("-", "−") + ("" if p.unit == "1" else f" {p.unit}")

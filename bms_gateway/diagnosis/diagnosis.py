@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from bms_gateway.diagnosis.bounds import at_bound, believed_share
+from bms_gateway.diagnosis.bounds import at_bound
 from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD
 from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
@@ -44,7 +44,7 @@ from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, seco
 from bms_gateway.diagnosis.verdict_parts import Errors, Ranked, Selected, errors, numbers
 from bms_gateway.diagnosis.verdict_words import missing, nothing_missing, something_unknown
 from bms_gateway.diagnosis.wandering import more_than_rows
-from bms_gateway.diagnosis.weighing import Settings, Trial
+from bms_gateway.diagnosis.weighing import Settings, Trial, believed_share
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import StringModel

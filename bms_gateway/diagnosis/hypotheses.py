@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.diagnosis.bounds import below_least
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded
 from bms_gateway.diagnosis.current_sensor import charge_too_much
 from bms_gateway.diagnosis.geometry import odd_fitted
@@ -121,7 +122,7 @@ def judged(
     """Score a fit and decide whether it is refused."""
     score = found.log_evidence + sum(log_prior(c, offered) for c in effects)
     h = Hypothesis(effects, found, score)
-    return h if base is None else replace(h, refused=_absurd(h, base))
+    return h if base is None else replace(h, refused=below_least(found.map) or _absurd(h, base))
 
 
 def _absurd(h: Hypothesis, base: Hypothesis) -> str:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
-from bms_gateway.diagnosis.bounds import at_bound, believed_share
+from bms_gateway.diagnosis.bounds import at_bound
 from bms_gateway.diagnosis.candidates import Candidate, candidates
 from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.filed import seen_on
@@ -19,7 +19,7 @@ from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.search import without
 from bms_gateway.diagnosis.second_search import SecondSearch
 from bms_gateway.diagnosis.verdict_parts import Number, Ranked, numbers
-from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, prior_odds, worth
+from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, believed_share, prior_odds, worth
 from bms_gateway.identify.map_fit import MapFit, stacked
 
 Role = Literal["named", "tied", "next", "instead", ""]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bms_gateway.diagnosis.bounds import below_least
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, left_open
 from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
@@ -356,7 +357,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         for g in gains:
             if _promising(g, offered, s, 1) and len(seen) < 6:
                 seen.setdefault(g.candidate.name, g)
-        fits = [(g.candidate, refit(less, g)) for g in seen.values()]
+        fits = [(g.candidate, fit) for g in seen.values() if not below_least(fit := refit(less, g))]
         if not fits:
             continue
 

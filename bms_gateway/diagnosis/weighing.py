@@ -7,9 +7,11 @@ increase their error, and must remove its share of their excess.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import nan
 
 import numpy as np
 
+from bms_gateway.diagnosis.bounds import at_bound, below_least
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.current_sensor import charge_too_much
 from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
@@ -208,7 +210,9 @@ def judge(
 
 
 def _impossible(c: Candidate, fit: MapFit) -> str:
-    """Say why a record rules out the fitted size of an effect; empty if it does not."""
+    """Say why physics or a record rules out the fitted size of an effect; empty if neither does."""
+    if impossible := below_least(fit):
+        return impossible
     if c.name != "current_offset":
         return ""
     b = float(fit.theta[fit.problem.index(f"{c.key}.b")])
@@ -259,3 +263,9 @@ def _needed(current: MapFit, fit: MapFit, odds: float, s: Settings, number: int)
     read = log_density(fit, used) - log_density(current, used)
     share = float(np.clip(read / max(0.5 * (current.cost - fit.cost), 1e-9), 0.0, 1.0))
     return share * least - (1.0 - share) * s.proof
+
+
+def believed_share(t: Trial) -> tuple[float, str]:
+    """Probability of a trial, and why it is refused; NaN if one of its numbers is at its bound."""
+    said = at_bound(t.fit, t.candidate)
+    return (nan, "; ".join(filter(None, (t.why, f"{said}: no proof")))) if said else (t.share, t.why)

@@ -25,7 +25,7 @@ class AmbientLoss(Effect):
     elsewhere = "heat that leaves the cores themselves, as through their tabs"
     confused_with = ("core_loss", "neighbour_heat", "natural_convection", "inlet_offset", "thermocouple_offset")
     parameters = (
-        EffectParameter("G", "conductance to the surroundings", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06),
+        EffectParameter("G", "conductance to the surroundings", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06, least=0.0),
         EffectParameter("P", "heat from the surroundings at 25 °C", "W", 1.0, 0.0, 2.0, -40.0, 40.0, probe=0.6),
     )
 

@@ -53,6 +53,9 @@ class EffectParameter:
         SI: value at which the effect vanishes; None for a shape parameter.
     reach : float
         SI (or of the logarithm if `log`): limit of a linear step.
+    least : float
+        SI: no body has a smaller value (a conductance, a resistance or a share below zero). A fit may try such values,
+        so that its estimate is not biased at the limit; a value that is certainly smaller excludes the effect.
     """
 
     name: str
@@ -67,6 +70,7 @@ class EffectParameter:
     probe: float = 0.0
     neutral: float | None = 0.0
     reach: float = np.inf
+    least: float = -np.inf
 
 
 class Effect(ABC):

@@ -21,7 +21,9 @@ class BusbarJoule(Effect):
     warms = 1
     least_cells = 2
     confused_with = ("surface_joule", "end_plate", "cell_resistance")
-    parameters = (EffectParameter("R_s", "resistance at each end", "mOhm", 1e-3, 0.0, 7e-4, -1e-3, 5e-3, probe=2e-4),)
+    parameters = (
+        EffectParameter("R_s", "resistance at each end", "mOhm", 1e-3, 0.0, 7e-4, -1e-3, 5e-3, probe=2e-4, least=0.0),
+    )
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:
         """Heat the surfaces at the ends."""

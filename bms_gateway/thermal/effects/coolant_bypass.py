@@ -23,7 +23,7 @@ class CoolantBypass(Effect):
     place = "gap"
     least_cells = 3
     confused_with = ("cell_resistance", "cell_cooling")
-    parameters = (EffectParameter("b", "share that leaves", "1", 1.0, 0.0, 0.3, -0.3, 0.9, probe=0.1),)
+    parameters = (EffectParameter("b", "share that leaves", "1", 1.0, 0.0, 0.3, -0.3, 0.9, probe=0.1, least=0.0),)
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:
         """Reduce the stream at the cells after the leak; the cell before it still gets all."""

@@ -23,7 +23,9 @@ class CoreLoss(Effect):
     elsewhere = "heat that leaves the casings, as to a housing"
     confused_with = ("ambient_loss", "natural_convection", "inlet_offset", "resistance_temperature")
     parameters = (
-        EffectParameter("G", "conductance from a core to its busbars", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06),
+        EffectParameter(
+            "G", "conductance from a core to its busbars", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06, least=0.0
+        ),
         EffectParameter("P", "heat from the busbars at 25 °C", "W", 1.0, 0.0, 2.0, -40.0, 40.0, probe=0.6),
     )
 

@@ -23,7 +23,7 @@ class EndPlate(Effect):
     least_cells = 2
     confused_with = ("ambient_loss", "cell_cooling", "busbar_joule")
     parameters = (
-        EffectParameter("G", "conductance to each plate", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06),
+        EffectParameter("G", "conductance to each plate", "W/K", 1.0, 0.0, 0.2, -0.3, 2.0, probe=0.06, least=0.0),
         EffectParameter("P", "heat from each plate at 25 °C", "W", 1.0, 0.0, 2.0, -40.0, 40.0, probe=0.6),
     )
 

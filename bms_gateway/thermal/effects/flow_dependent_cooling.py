@@ -29,7 +29,7 @@ class FlowDependentCooling(Effect):
     signals = ("flow",)
     plausibility = -1.5
     confused_with = ("cooling_drift",)
-    parameters = (EffectParameter("n", "exponent", "1", 1.0, 0.0, 0.5, -0.5, 2.0, probe=0.15),)
+    parameters = (EffectParameter("n", "exponent", "1", 1.0, 0.0, 0.5, -0.5, 2.0, probe=0.15, least=0.0),)
 
     def determined(self, u: Drive) -> tuple[str, ...]:
         """Return nothing if the flow was not recorded or did not change."""

@@ -20,7 +20,9 @@ class SurfaceJoule(Effect):
     warms = 1
     confused_with = ("radial_gradient", "busbar_joule")
     parameters = (
-        EffectParameter("R_s", "resistance at the surface", "mOhm", 1e-3, 0.0, 5e-4, -1e-3, 5e-3, probe=1.5e-4),
+        EffectParameter(
+            "R_s", "resistance at the surface", "mOhm", 1e-3, 0.0, 5e-4, -1e-3, 5e-3, probe=1.5e-4, least=0.0
+        ),
     )
 
     def surroundings(self, z: Point, p: Values, at: Floats) -> None:

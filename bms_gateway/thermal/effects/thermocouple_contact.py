@@ -19,7 +19,7 @@ class ThermocoupleContact(Effect):
     node = "reading"
     place = "sensor"
     confused_with = ("cell_cooling", "thermocouple_offset", "cell_resistance")
-    parameters = (EffectParameter("g", "share of the coolant", "1", 1.0, 0.0, 0.2, -0.2, 0.8, probe=0.06),)
+    parameters = (EffectParameter("g", "share of the coolant", "1", 1.0, 0.0, 0.2, -0.2, 0.8, probe=0.06, least=0.0),)
 
     def reading(self, z: Point, p: Values, at: Floats) -> None:
         """Move that sensor's reading towards the coolant."""
