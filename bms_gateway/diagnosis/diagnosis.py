@@ -248,9 +248,15 @@ def judged(found: Search) -> Diagnosis:
     rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
     looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
     if verdict == "unknown_effect":
-        said = partial(something_unknown, looks=looks)
+        said = partial(something_unknown, looks=looks, closest_K=base.heldout_rmse_K)
         return Diagnosis(verdict, True, said, (), looks, ranking, base, base, found, more=rows)
-    told = partial(missing, selected=selected, remains=remains, undecided=verdict == "undecidable")
+    told = partial(
+        missing,
+        selected=selected,
+        remains=remains,
+        undecided=verdict == "undecidable",
+        closest_K=base.heldout_rmse_K,
+    )
     if verdict == "adequate":
         told = partial(nothing_missing, closest=base)
     return Diagnosis(verdict, remains, told, selected, (), ranking, base, final, found, more=rows)
@@ -333,7 +339,7 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
                 "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
                 "record at another rate."
             )
-        said = partial(something_unknown, looks=names)
+        said = partial(something_unknown, looks=names, closest_K=base.heldout_rmse_K)
         return Diagnosis(
             "unknown_effect", True, said, (), names, ranking, base, base, first.search, second, second.alarms, more
         )
@@ -345,7 +351,14 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         more += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
         more += f" The core is not known better by it: {' '.join(second.alarms)}"
-    told = partial(missing, selected=selected, remains=True, undecided=verdict == "undecidable", known_K=second.known_K)
+    told = partial(
+        missing,
+        selected=selected,
+        remains=True,
+        undecided=verdict == "undecidable",
+        known_K=second.known_K,
+        closest_K=base.heldout_rmse_K,
+    )
     return Diagnosis(verdict, True, told, selected, (), ranking, base, after, first.search, second, second.alarms, more)
 
 

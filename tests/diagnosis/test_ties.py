@@ -9,12 +9,13 @@ import pytest
 
 from bms_gateway.config.model_file import format_model, parse_model
 from bms_gateway.diagnosis.adding import add_effects, cores_with_named, wanted
-from bms_gateway.diagnosis.bounds import at_bound, believed_share
+from bms_gateway.diagnosis.bounds import at_bound
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import diagnose, judged
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.verdict_words import missing
+from bms_gateway.diagnosis.weighing import believed_share
 from bms_gateway.errors import ConfigError
 from bms_gateway.report.added import added_report
 from bms_gateway.report.comparison_text import comparison_document, comparison_text

@@ -50,3 +50,22 @@ def test_bars_end_at_the_error_that_is_stated(window, tmp_path):
             "return [...document.querySelectorAll('.bars')[1].querySelectorAll('.bar b')].map(b => Number(b.innerText))"
         )
         assert page.run(shown) == pytest.approx(stated, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_core_that_is_not_known_has_the_highest_bar(window, axe, tmp_path):
+    """Its bar had no height, so the band seemed to grow when an effect made the core known."""
+    pack = make_pack(tmp_path, seconds=600)
+    with served(tmp_path, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-add")
+        page.run(FOUND.replace("after: stair(arguments[0])", "after: {...stair(arguments[0]), core_known: false}"), 0.3)
+        *others, (text, height) = page.run(
+            "return [...[...document.querySelectorAll('.bars')].at(-1).querySelectorAll('.bar')]"
+            ".map(b => [b.lastChild.textContent, parseFloat(b.style.getPropertyValue('--h'))])"
+        )
+        assert (text, height) == ("?", 100.0)
+        assert others and all(h < 90.0 and t != "?" for t, h in others)
+        assert faults(page, axe) == []

@@ -26,7 +26,7 @@ function step(name, focus = false) {
     $(`panel-${s}`).hidden = !on;
     if (on && focus) $(`tab-${s}`).focus();
   }
-  document.querySelector("main").hidden = name === "live";
+  $("road").hidden = name === "live"; $("watch").hidden = name !== "live";
   live.listen(name === "live" && !document.hidden);
   plots.preview(null);
   if (name !== "live") dispatchEvent(new Event("resize"));

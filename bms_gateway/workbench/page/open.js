@@ -66,7 +66,9 @@ function draw() {
   box.hidden = !shown.length;
   if (box.hidden) return;
   const focused = document.activeElement?.id;
+  const tables = () => [...box.querySelectorAll(".scroll")], down = tables().map((t) => t.scrollTop);
   box.replaceChildren(...shown.flatMap(columnsOf));
+  tables().forEach((t, i) => { t.scrollTop = down[i] ?? 0; });
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
 }
 

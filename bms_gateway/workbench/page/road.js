@@ -274,7 +274,7 @@ function effect(r, i, d) {
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
-    "aria-label": `${named(r)}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
+    "aria-label": `${named(r)} ${odds} log-odds${r.refused ? `, refused: ${r.refused}` : ""}`,
     onclick: () => {
       const rest = ui.open.filter((x) => x !== id);
       keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
@@ -348,17 +348,19 @@ function climb() {
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
-    const top = Math.max(...values, floor ?? 0) || 1;
+    // a core that is not known stands as high as the picture, above all bands that are: no band looks wider than it
+    const open = values.map((v, j) => v === null && kind === "core_K" && unknown(all[j]));
+    const top = (Math.max(...values, floor ?? 0) || 1) * (open.includes(true) ? 1.25 : 1);
     const [caption, bars] = stairs.children[i].children;
     caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" && all.some(unknown) ? "; ?: not known" : ""}`;
-    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${v === null && kind === "core_K" && unknown(all[j]) ? "not known" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
+    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${open[j] ? "not known" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
-      bar.className = `bar ${all[j].kind}`;
-      bar.lastChild.textContent = v !== null ? K(v, 2).replace(" K", "") : kind === "core_K" && unknown(all[j]) ? "?" : "–";
+      bar.className = `bar ${all[j].kind}${open[j] ? " open" : ""}`;
+      bar.lastChild.textContent = v !== null ? K(v, 2).replace(" K", "") : open[j] ? "?" : "–";
       bar.lastChild.classList.toggle("danger", v === null && kind === "core_K");
       bar.style.setProperty("--c", colorOf(j));
-      bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
+      bar.style.setProperty("--h", `${open[j] ? 100 : v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
     bars.lastChild.hidden = !floor;
