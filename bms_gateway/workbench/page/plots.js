@@ -461,7 +461,7 @@ function string() {
     if (k === ui.cell) $("cell-told").textContent = `${label[0].toUpperCase()}${label.slice(1)}`; // all that a finger can reach
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,
-      onclick: () => pick(k) }, el("b", {}, `${k}`), el("small", {}, told)));
+      onclick: () => pick(k) }, el("span", { class: "aloud" }, "cell "), el("b", {}, `${k}`), el("small", {}, told)));
   }
   if (coolant) nodes.push(el("span", { class: "flow" }, "→ out"));
   const focused = document.activeElement?.id;

@@ -274,7 +274,6 @@ function effect(r, i, d) {
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
-    "aria-label": `${named(r)} ${odds} log-odds${r.refused ? `, refused: ${r.refused}` : ""}`,
     onclick: () => {
       const rest = ui.open.filter((x) => x !== id);
       keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
@@ -284,7 +283,7 @@ function effect(r, i, d) {
     } },
     el("span", { class: "name" }, ...softly(named(r))),
     el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * r.needs}%` })),
-    el("span", { class: "odds" }, odds));
+    el("span", { class: "odds" }, odds), el("span", { class: "aloud" }, ` log-odds${r.refused ? `, refused: ${r.refused}` : ""}`));
   const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);
   if (open) item.append(told(r, d));
   return item;
