@@ -1,6 +1,7 @@
 """Checks of the inputs of a record: current, voltage, inlet, flow and SOC."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.known_values import correlation, median_of_known
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
-from bms_gateway.thermal import StringModel
+from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 
 ACTIVE, REST = 0.1, 0.03
@@ -17,6 +18,11 @@ ACTIVE, REST = 0.1, 0.03
 REST_S, PAUSE_S = 30.0, 10.0
 """Least total rest for which the current at rest is reported, and least length of one rest: a current that passes
 through zero is no rest."""
+AGAINST = 0.3
+"""Correlation of the current with the voltage, or with the change of the SOC, above which its sign is the other one."""
+PART_S, LEAST_PART, LEAST_SWING, AGAINST_PART = 450.0, 15, 0.3, 0.6
+"""A part of a record whose sign is judged by itself: its length, its least number of values, the least scatter of its
+current over that of the record, because a steady current tells nothing, and its correlation."""
 INLET_K = 0.5
 INLET_LOST_S = 120.0
 """An inlet that is missing for this time may have gone anywhere: the coolant of a pack changes within minutes."""
@@ -98,28 +104,45 @@ def check_rest(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def check_sign(r: Record, _: StringModel) -> Iterator[Finding]:
-    """Check the sign of the current by the voltage, or by the SOC if there is no voltage."""
+    """Check the sign of the current by the voltage, or by the SOC if there is no voltage, as a whole and by parts."""
     d = r.drive
-    if "voltage" in d.known and (against := correlation(np.diff(d.I), np.diff(d.V))) > 0.3:
-        yield Finding(
-            "current_sign",
-            "warn",
-            f"The voltage rises with the current (correlation {against:+.2f}): discharge must be positive. Flip it "
-            "with --columns current_A=-COLUMN.",
-        )
+    if "voltage" in d.known:
+        yield from _sign(np.diff(d.I), np.diff(d.V), d.dt, "voltage")
     elif "soc" in d.known:
         block = max(round(60.0 / d.dt), 1)
         count = d.N // block
         if count >= 5:
             soc = d.soc[: count * block : block]
             moved = d.I[: (count - 1) * block].reshape(count - 1, block).mean(axis=1)
-            if (with_charge := correlation(moved, np.diff(soc))) > 0.3:
-                yield Finding(
-                    "current_sign",
-                    "warn",
-                    f"The SOC rises with the current (correlation {with_charge:+.2f}): discharge must be "
-                    "positive. Flip it with --columns current_A=-COLUMN.",
-                )
+            yield from _sign(moved, np.diff(soc), block * d.dt, "SOC")
+
+
+def _sign(current: Floats, witness: Floats, step_s: float, name: str) -> Iterator[Finding]:
+    """Judge the current by what must fall as it rises, one value a step."""
+    rises = f"The {name} rises with the current"
+    if (whole := correlation(current, witness)) > AGAINST:
+        yield Finding(
+            "current_sign",
+            "warn",
+            f"{rises} (correlation {whole:+.2f}): discharge must be positive. Flip it with --columns "
+            "current_A=-COLUMN.",
+        )
+        return
+    size = max(int(PART_S / step_s), LEAST_PART)
+    edges = np.linspace(0, len(current), max(1, round(len(current) / size)) + 1).astype(int)
+    told = [correlation(current[i:k], witness[i:k]) for i, k in pairwise(edges)]
+    swings = [np.nanstd(np.append(current[i:k], 0.0)) > LEAST_SWING * np.nanstd(current) for i, k in pairwise(edges)]
+    against = [k for k, (x, swing) in enumerate(zip(told, swings, strict=True)) if swing and x > AGAINST_PART]
+    if against and any(x < -AGAINST_PART for x in told):
+        minutes = edges * step_s / 60.0
+        first, last = minutes[against[0]], minutes[against[-1] + 1]
+        total = sum(minutes[k + 1] - minutes[k] for k in against)
+        yield Finding(
+            "current_sign",
+            "warn",
+            f"{rises} for {total:.0f} min between {first:.0f} and {last:.0f} min of the record, and falls with it at "
+            "other times: there the current has the other sign. Mend the column, or leave this part out.",
+        )
 
 
 def check_inlet(r: Record, _: StringModel) -> Iterator[Finding]:

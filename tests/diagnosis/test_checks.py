@@ -97,6 +97,22 @@ def test_a_wrong_sign_is_seen_by_the_voltage_and_by_the_charge():
     assert "current_sign" not in findings({k: v for k, v in c.items() if k != "voltage_V"})
 
 
+@pytest.mark.parametrize("witness", ["voltage", "SOC"])
+@pytest.mark.parametrize(("first", "last"), [(0.5, 1.0), (0.0, 0.5), (0.25, 0.75)])
+def test_a_current_whose_sign_changes_within_the_record_is_told_with_its_time(witness, first, last):
+    """Half an hour with the other sign, and a true voltage: it said that nothing was missing."""
+    c = rows(3600)
+    if witness == "SOC":
+        c = {k: v for k, v in c.items() if k != "voltage_V"}
+    assert "current_sign" not in findings(c)
+    part = slice(int(first * 3600), int(last * 3600))
+    c["current_A"] = np.array(c["current_A"])
+    c["current_A"][part] *= -1.0
+    said = findings(c)["current_sign"].sentence
+    told = re.match(f"The {witness} rises with the current for (.*) min between (.*) and (.*) min of the record", said)
+    assert [float(x) for x in told.groups()] == pytest.approx([30, 60 * first, 60 * last], abs=1)
+
+
 def every(columns, k):
     return {n: v[::k] if isinstance(v, np.ndarray) else {a: x[::k] for a, x in v.items()} for n, v in columns.items()}
 
