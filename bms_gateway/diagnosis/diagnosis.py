@@ -195,6 +195,7 @@ def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -
         found.append(identify(starting_with(d.with_selected, model), records))
     selected = tuple(replace(s, parameters=numbers(found[-1].fit, s.candidate)) for s in d.selected)
     before, after = errors(found[0].fit), errors(found[-1].fit)
+    before = replace(before, closest_K=d.baseline.heldout_rmse_K)
     return replace(d, identified=tuple(found), selected=selected, baseline=before, after=after)
 
 
@@ -248,14 +249,13 @@ def judged(found: Search) -> Diagnosis:
     rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
     looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
     if verdict == "unknown_effect":
-        said = partial(something_unknown, looks=looks, closest_K=base.heldout_rmse_K)
+        said = partial(something_unknown, looks=looks)
         return Diagnosis(verdict, True, said, (), looks, ranking, base, base, found, more=rows)
     told = partial(
         missing,
         selected=selected,
         remains=remains,
         undecided=verdict == "undecidable",
-        closest_K=base.heldout_rmse_K,
     )
     if verdict == "adequate":
         told = partial(nothing_missing, closest=base)
@@ -339,7 +339,7 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
                 "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
                 "record at another rate."
             )
-        said = partial(something_unknown, looks=names, closest_K=base.heldout_rmse_K)
+        said = partial(something_unknown, looks=names)
         return Diagnosis(
             "unknown_effect", True, said, (), names, ranking, base, base, first.search, second, second.alarms, more
         )
@@ -357,7 +357,6 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         remains=True,
         undecided=verdict == "undecidable",
         known_K=second.known_K,
-        closest_K=base.heldout_rmse_K,
     )
     return Diagnosis(verdict, True, told, selected, (), ranking, base, after, first.search, second, second.alarms, more)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -52,12 +53,16 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Root mean squares in K: trained readings, held-out readings, and what the noise alone would leave."""
+    """Root mean squares in K: trained readings, held-out readings, and what the noise alone would leave.
+
+    `closest_K` is that of the held-out readings to which other numbers of the same model come.
+    """
 
     train_rmse_K: float
     heldout_rmse_K: float
     noise_floor_K: float
     structure: Structure
+    closest_K: float = nan
 
 
 @dataclass(frozen=True, slots=True)

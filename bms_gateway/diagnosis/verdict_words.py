@@ -1,7 +1,6 @@
 """The sentences of a verdict."""
 
 from collections.abc import Sequence
-from math import nan
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.error_words import course, falls, only_fitted
@@ -28,9 +27,9 @@ def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noq
     )
 
 
-def something_unknown(base: Errors, after: Errors, looks: Sequence[str], closest_K: float = nan) -> str:  # noqa: ARG001 - as above
-    """Say that an effect outside the catalogue is missing; `looks` are similar effects, `closest_K` as in `missing`."""
-    numbers = f" Other numbers of the same model leave {closest_K:.2g} K." if _by_numbers(base, closest_K) else ""
+def something_unknown(base: Errors, after: Errors, looks: Sequence[str]) -> str:  # noqa: ARG001 - as above
+    """Say that an effect outside the catalogue is missing; `looks` are similar effects."""
+    numbers = f" Other numbers of the same model leave {base.closest_K:.2g} K." if _by_numbers(base) else ""
     like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
     return (
         f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
@@ -46,12 +45,10 @@ def missing(
     remains: bool,
     undecided: bool = False,
     known_K: tuple[float, float] | None = None,
-    closest_K: float = nan,
 ) -> str:
     """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown.
 
-    `closest_K` is the error to which other numbers of the model without them come: of a model file that is far off,
-    the numbers and not the effects remove the most.
+    Of a model file that is far off, other numbers and not the effects remove the most: that is said too.
     """
     held = base.heldout_rmse_K, after.heldout_rmse_K
     names = " and ".join(named(s.candidate) for s in selected)
@@ -61,8 +58,8 @@ def missing(
         lead = "Something is missing, and these readings do not decide what. The likeliest"
     noise = f"(noise {base.noise_floor_K:.2g} K)"
     text = f"{lead}: {names}. With {them} the error on held-out blocks {course(*held)} {noise}."
-    if _by_numbers(base, closest_K):
-        text += f" Without {them}, other numbers of the same model leave {closest_K:.2g} K."
+    if _by_numbers(base):
+        text += f" Without {them}, other numbers of the same model leave {base.closest_K:.2g} K."
     if not falls(*held) and known_K is not None and falls(*known_K):
         text += (
             " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
@@ -78,8 +75,8 @@ def missing(
     return text + (" Something unknown remains." if remains else "")
 
 
-def _by_numbers(base: Errors, closest_K: float) -> bool:
-    return closest_K < BY_NUMBERS * base.heldout_rmse_K
+def _by_numbers(base: Errors) -> bool:
+    return base.closest_K < BY_NUMBERS * base.heldout_rmse_K
 
 
 def alternatives(keys: Sequence[str]) -> list[str]:

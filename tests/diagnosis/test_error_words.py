@@ -92,7 +92,7 @@ def test_what_is_called_explained_is_told_with_the_error_that_was_judged():
 def test_what_other_numbers_alone_would_do_is_no_merit_of_an_effect(closest_K, mentioned):
     """Of a file whose R_u was five times too large, "falls from 36 to 0.05 K" was told of polarisation alone."""
     d = by_first()
-    far = replace(d.baseline, heldout_rmse_K=36.0)
-    text = missing(far, d.after, selected=d.selected, remains=False, closest_K=closest_K)
+    far = replace(d.baseline, heldout_rmse_K=36.0, closest_K=closest_K)
+    text = missing(far, d.after, selected=d.selected, remains=False)
     assert "falls from 36 to " in text
     assert (f"Without them, other numbers of the same model leave {closest_K} K." in text) == mentioned

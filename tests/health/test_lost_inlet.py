@@ -31,3 +31,15 @@ def test_a_fault_that_begins_while_the_inlet_is_not_read_is_told(fault: str, siz
     for told in follow(make(with_seeds(case, range(30, 36))), Gap("inlet", AT, lasts)):
         assert [c for _, c, _, level in told if level] == [code]
         assert case.at < told[0][0] <= AT + lasts + 480
+
+
+@pytest.mark.parametrize("what", ["string", "bus"])
+def test_a_frozen_inlet_is_not_right_again_before_it_has_read_something_else(what: str) -> None:
+    """After a silence of 90 s the same reading as before was said to agree with the cells again."""
+    case = Case("small", 0, AT + 3000, "urban", "frozen", at=600, ramp=4.0, ramp_at=600)
+    told = [
+        [(at, level) for at, code, _, level in changes if code == "inlet"]
+        for changes in follow(make(with_seeds(case, range(30, 36))), Gap(what, AT, 90))
+    ]
+    assert sum(bool(x) for x in told) >= 5
+    assert all(level and at < AT for x in told for at, level in x)

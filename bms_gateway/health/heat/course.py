@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp
+from math import exp, nan
 
 import numpy as np
 
@@ -203,6 +203,10 @@ class Course:
         """Note which strings (S,) have lost their inlet or found it again: what it did meanwhile is no step or rest."""
         self.frozen[lost | found], self.leapt[lost] = 0, 0
         self.inlet[found] = np.nan
+
+    def reads_all_along(self, s: int) -> float:
+        """Return what the inlet of a string reads, °C; NaN if it may rightly read the same for ever."""
+        return nan if self.constant_inlet[s] else float(self.inlet[s])
 
     def sleep(self, slept_s: float) -> None:
         """Note a time without current; the offset between inlet and cells is then found anew."""

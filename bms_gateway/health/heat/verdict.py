@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import sqrt
+from math import isnan, nan, sqrt
 
 import numpy as np
 
@@ -81,6 +81,7 @@ class Verdict:
     _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
     _shows: Mapping[Kind, Floats] = field(default_factory=dict)
     _also: dict[int, int] = field(default_factory=dict)
+    _inlet_C: float = nan
 
     def __post_init__(self) -> None:
         self.aside = np.zeros(self.of.at.sensed, np.bool_)
@@ -403,7 +404,11 @@ class Verdict:
 
     def _followed(self, now_ns: int) -> list[Finding]:
         """Update the findings; return those that have ended."""
-        told = []
+        told, reads = [], self.course.reads_all_along(self.s)
+        if not any(g.code == "inlet" for g in self.findings):
+            self._inlet_C = reads
+        elif self.seen.inlet and reads != self._inlet_C:
+            self._inlet_C = nan  # it has moved since the finding: it is not frozen any more
         for g in list(self.findings):
             over = self._over(g, now_ns)
             if g.low_ns is None:  # a finding that is being contradicted keeps its last sentence
@@ -429,7 +434,7 @@ class Verdict:
             return self._quiet(g, now_ns, self._grown() < COOLING_BACK, 120.0)
         if g.code == "inlet":
             off, sd = abs(float(f.z[s, at.inlet])), sqrt(float(f.P[s, at.inlet, at.inlet]))
-            right = off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S)
+            right = off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S) and isnan(self._inlet_C)
             return self._quiet(g, now_ns, right and self.seen.inlet, 300.0)
         return self._quiet(g, now_ns, float(f.made()[0][s]) > MISSING_BACK, 60.0)
 
