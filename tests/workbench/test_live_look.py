@@ -146,6 +146,14 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
         assert page.run(color, 2) == pytest.approx(scale(LIMIT_C - 10.5), abs=1.0)
         assert page.run(color, 59) == pytest.approx(scale(cores[59]), abs=1.0)
         assert page.run("return [...document.querySelectorAll('.live-cell.over')].length") == 1
+        # the cell of a thermocouple that was lost stays red over its limit
+        image = "return getComputedStyle(document.querySelectorAll('.live-cell')[arguments[0]]).backgroundImage"
+        for lost in (Quality.STALE, Quality.NEVER):
+            page.run(
+                hot.replace("show(p);", "s.quality[1] = s.quality[2] = arguments[1]; show(p);"), LIMIT_C, int(lost)
+            )
+            assert "rgb(176, 0, 32)" in page.run(image, 1)
+            assert "rgb(176, 0, 32)" not in page.run(image, 2)
 
         # a core that is not proven: dotted, with a question mark, and in words
         page.run(
