@@ -32,6 +32,8 @@ FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is accepted; a wrong unit gives a greater factor."""
 MOVES = 0.8
 """Least share of the readings of an inlet that differ from the previous one, unless it is coarse."""
+OUTLIVES = 20
+"""A coarse inlet moves, too, if it has shown so many values and none of them for a twentieth of the longest time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,8 +374,9 @@ def _still(t: Floats, x: Floats) -> tuple[float, float]:
     moves = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan) != 0.0)
     held = np.diff(moves)
     k = int(np.argmax(held))
-    others = len(x) - int(held[k])
-    if not others or len(held) - 1 < MOVES * others:
+    others, rest = len(x) - int(held[k]), np.delete(held, k)
+    lively = others > 0 and len(rest) >= MOVES * others
+    if not lively and not (len(rest) >= OUTLIVES and held[k] > OUTLIVES * rest.max()):
         return 0.0, 0.0
     return float(t[moves[k]]), float(t[moves[k + 1] - 1])
 

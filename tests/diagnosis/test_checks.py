@@ -284,6 +284,12 @@ def test_an_inlet_that_is_missing_or_stuck_for_long_is_told():
     stuck[800:1400] = stuck[800]
     told = findings(c, coolant_inlet_C=stuck)["inlet_stuck"].sentence
     assert re.search(r"for 10 min, from 13 min on", told)
+    tenths = np.round(
+        c["coolant_inlet_C"] + 1.5 * np.sin(c["time_s"] / 120), 1
+    )  # it stands for some readings at a time
+    assert "inlet_stuck" not in findings(c, coolant_inlet_C=tenths)
+    tenths[1000:2600] = tenths[1000]
+    assert "for 27 min, from 17 min on" in findings(c, coolant_inlet_C=tenths)["inlet_stuck"].sentence
     steps = np.round(c["coolant_inlet_C"])  # whole degrees stand still, and are not stuck
     assert "inlet_stuck" not in findings(c, coolant_inlet_C=steps)
     assert not {"inlet_missing", "inlet_stuck"} & set(findings(c, coolant_inlet_C=np.full(3001, 22.0)))
