@@ -18,6 +18,8 @@ from bms_gateway.workbench.documents import Document, effect
 
 DRIVEN = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV")
 
+OTHERS = {"records": "the readings are not those", "model": "the model file is not the one"}
+"""How a session without a diagnosis is told that its files are others."""
 LEFT_OUT = {
     "records": "these are not the measurements that it was made of",
     "model": "this is not the model that it was made of",
@@ -85,6 +87,9 @@ def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str,
     if kept["diagnosed"] and other:
         why = LEFT_OUT["both" if len(other) > 1 else other[0]]
         return {}, f"The session’s diagnosis is left out: {why}. Diagnose again."
+    if other := [OTHERS[what] for what in other if what in kept["digest"]]:
+        said = " and ".join(other)
+        return {}, f"{said[0].upper()}{said[1:]} with which the session was saved: what it added is fitted anew."
     astray = kept["astray"]
     why = f"The session’s diagnosis is left out: {LEFT_OUT['added']}. Diagnose again." if astray else ""
     try:

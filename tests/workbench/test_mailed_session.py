@@ -96,6 +96,18 @@ def test_of_other_measurements_or_another_model_it_is_left_out_and_said(diagnose
 
 
 @pytest.mark.slow
+def test_without_a_diagnosis_too_other_files_are_said_to_be_others(diagnosed, pack):
+    session = json.loads(diagnosed[0])
+    session |= {"diagnosed": [], "added": []}
+    state, _ = resumed(json.dumps(session), files(pack))
+    assert state["dropped"] == ""
+    state, _ = resumed(json.dumps(session), files(pack, pack.clean))
+    assert state["dropped"] == (
+        "The readings are not those with which the session was saved: what it added is fitted anew."
+    )
+
+
+@pytest.mark.slow
 def test_of_a_model_that_is_not_reached_it_is_left_out_and_said(diagnosed, pack):
     session = json.loads(diagnosed[0])
     session["diagnosed"][0] |= {"step": 1, "after": ["coolant_delay"]}
