@@ -28,6 +28,20 @@ def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
             page.run(FOUND, error_K)
             assert page.run(LAST + "return b.className") == "bar fitting"
             assert page.run(LAST + "return b.lastChild.textContent") == f"{error_K:.2f}"
+        # the bar of an error that is the noise ends at the line of the noise
+        page.run(
+            FOUND,
+            page.run(
+                LAST
+                + "return parseFloat(document.querySelector('.stairs figcaption').innerText.match(/alone, (\\S+)/)[1])"
+            ),
+        )
+        page.run("document.querySelectorAll('.bar i').forEach(i => { i.style.transition = 'none'; })")
+        top, line = page.run(
+            LAST + "return [b.firstChild.getBoundingClientRect().top,"
+            " document.querySelector('.bars').lastChild.getBoundingClientRect().bottom]"
+        )
+        assert top == pytest.approx(line, abs=2.0)
         assert page.text("#bar-names").endswith("3 + heat (a), being fitted (closest fit so far)")
         assert "the bar stands at the error that is stated for the step" in page.text("#fitting-told")
         assert faults(page, axe) == []

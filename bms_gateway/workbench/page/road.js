@@ -361,7 +361,7 @@ function climb() {
       bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${open[j] ? 100 : v === null ? 0 : (100 * v) / top}%`);
     });
-    bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
+    bars.lastChild.style.bottom = `calc(${(floor ?? 0) / top} * (100% - 18px))`; // as .bars is padded
     bars.lastChild.hidden = !floor;
   }
 }
