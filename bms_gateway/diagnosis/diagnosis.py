@@ -42,7 +42,7 @@ from bms_gateway.diagnosis.residuals import (
 from bms_gateway.diagnosis.search import Progress, Search, search
 from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
 from bms_gateway.diagnosis.verdict_parts import Errors, Ranked, Selected, errors, numbers
-from bms_gateway.diagnosis.verdict_words import missing, nothing_missing, something_unknown
+from bms_gateway.diagnosis.verdict_words import Others, missing, nothing_missing, something_unknown
 from bms_gateway.diagnosis.wandering import more_than_rows
 from bms_gateway.diagnosis.weighing import Settings, Trial, believed_share
 from bms_gateway.identify.coordinates import Measured
@@ -255,7 +255,7 @@ def judged(found: Search) -> Diagnosis:
         selected=selected,
         remains=remains,
         undecided=verdict == "undecidable",
-        closest_K=base.heldout_rmse_K,
+        others=Others(base.heldout_rmse_K),
     )
     if verdict == "adequate":
         told = partial(nothing_missing, closest=base)
@@ -356,8 +356,7 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         selected=selected,
         remains=True,
         undecided=verdict == "undecidable",
-        known_K=second.known_K,
-        closest_K=base.heldout_rmse_K,
+        others=Others(base.heldout_rmse_K, second.known_K),
     )
     return Diagnosis(verdict, True, told, selected, (), ranking, base, after, first.search, second, second.alarms, more)
 

@@ -1,7 +1,9 @@
 """The sentences of a verdict."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import nan
+from typing import Final
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.error_words import course, falls, only_fitted
@@ -9,6 +11,26 @@ from bms_gateway.diagnosis.verdict_parts import Errors, Selected
 
 BY_NUMBERS = 0.5
 """Share of the error below which other numbers alone must bring it to be mentioned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Others:
+    """Held-out errors that put the merit of effects in proportion.
+
+    Attributes
+    ----------
+    closest_K : float, K
+        Error to which other numbers of the model without the effects come: of a model file that is far off, the
+        numbers and not the effects remove the most. NaN if it is not known.
+    known_K : tuple of float, K, or None
+        Errors before and after at trained charges only; None if no law needs it, as in `SecondSearch`.
+    """
+
+    closest_K: float = nan
+    known_K: tuple[float, float] | None = None
+
+
+NO_OTHERS: Final = Others()
 
 
 def named(c: Candidate) -> str:
@@ -29,7 +51,7 @@ def nothing_missing(base: Errors, after: Errors, closest: Errors) -> str:  # noq
 
 
 def something_unknown(base: Errors, after: Errors, looks: Sequence[str], closest_K: float = nan) -> str:  # noqa: ARG001 - as above
-    """Say that an effect outside the catalogue is missing; `looks` are similar effects, `closest_K` as in `missing`."""
+    """Say that an effect outside the catalogue is missing; `looks` are similar effects, `closest_K` as in `Others`."""
     numbers = f" Other numbers of the same model leave {closest_K:.2g} K." if _by_numbers(base, closest_K) else ""
     like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
     return (
@@ -45,14 +67,10 @@ def missing(
     selected: Sequence[Selected],
     remains: bool,
     undecided: bool = False,
-    known_K: tuple[float, float] | None = None,
-    closest_K: float = nan,
+    others: Others = NO_OTHERS,
 ) -> str:
-    """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown.
-
-    `closest_K` is the error to which other numbers of the model without them come: of a model file that is far off,
-    the numbers and not the effects remove the most.
-    """
+    """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown."""
+    known_K = others.known_K
     held = base.heldout_rmse_K, after.heldout_rmse_K
     names = " and ".join(named(s.candidate) for s in selected)
     them = "it" if len(selected) == 1 else "them"
@@ -61,8 +79,8 @@ def missing(
         lead = "Something is missing, and these readings do not decide what. The likeliest"
     noise = f"(noise {base.noise_floor_K:.2g} K)"
     text = f"{lead}: {names}. With {them} the error on held-out blocks {course(*held)} {noise}."
-    if _by_numbers(base, closest_K):
-        text += f" Without {them}, other numbers of the same model leave {closest_K:.2g} K."
+    if _by_numbers(base, others.closest_K):
+        text += f" Without {them}, other numbers of the same model leave {others.closest_K:.2g} K."
     if not falls(*held) and known_K is not None and falls(*known_K):
         text += (
             " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "

@@ -9,7 +9,7 @@ from bms_gateway.diagnosis.diagnosis import judged
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.residuals import Structure
 from bms_gateway.diagnosis.verdict_parts import Errors
-from bms_gateway.diagnosis.verdict_words import missing, nothing_missing
+from bms_gateway.diagnosis.verdict_words import Others, missing, nothing_missing
 from bms_gateway.identify.map_fit import stacked
 from bms_gateway.report.html import verdict_tag
 from tests.diagnosis.decided import by_first
@@ -93,6 +93,6 @@ def test_what_other_numbers_alone_would_do_is_no_merit_of_an_effect(closest_K, m
     """Of a file whose R_u was five times too large, "falls from 36 to 0.05 K" was told of polarisation alone."""
     d = by_first()
     far = replace(d.baseline, heldout_rmse_K=36.0)
-    text = missing(far, d.after, selected=d.selected, remains=False, closest_K=closest_K)
+    text = missing(far, d.after, selected=d.selected, remains=False, others=Others(closest_K))
     assert "falls from 36 to " in text
     assert (f"Without them, other numbers of the same model leave {closest_K} K." in text) == mentioned
