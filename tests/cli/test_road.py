@@ -116,7 +116,8 @@ class TestAdd:
         d = added[1]
         error = f"from {d['before']['heldout_rmse_K']:.3f} to {d['after']['heldout_rmse_K']:.3f} K"
         assert f"With reversible (entropic) heat (entropic_heat) the held-out error falls {error}" in text
-        assert text.count('class="plot"') == 5  # three surfaces, the drive, the hottest core
+        assert text.count('class="plot"') == 6  # three surfaces, their map, the drive, the hottest core
+        assert 'id="map-1"' in text
 
     def test_its_model_lacks_nothing_any_more(self, pack, added):
         d = told("diagnose", pack.hidden, "--model", added[0])

@@ -219,7 +219,11 @@ def test_plotly_knows_every_figure(road):
     for text, page in road[-1].values():
         for spec in page.figures(text).values():
             Figure(spec)  # refuses what it does not know
-            assert all(len(t["x"]) == len(t["y"]) for t in spec["data"])
+            for t in spec["data"]:
+                if t["type"] == "heatmap":  # a row for each cell, and in it a value for each time
+                    assert [len(row) for row in t["z"]] == [len(t["x"])] * len(t["y"])
+                else:
+                    assert len(t["x"]) == len(t["y"])
 
 
 def test_a_core_thermocouple_is_shown_beside_the_models(road):
@@ -337,7 +341,8 @@ def test_the_page_of_the_second_search_tells_the_numbers_of_both_models_and_rank
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
     assert "something unknown remains" in page.text
-    assert f"{d.baseline.heldout_rmse_K:.3f} → {d.after.heldout_rmse_K:.3f} K" in page.text
+    gap = "\N{NO-BREAK SPACE}"  # a unit stays with its number, an arrow with what it comes from
+    assert f"{d.baseline.heldout_rmse_K:.3f}{gap}→ {d.after.heldout_rmse_K:.3f}{gap}K" in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert [s for s in shapes if s["type"] == "rect"]
     head, *rows = page.tables["ranking"][0]

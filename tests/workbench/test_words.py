@@ -45,7 +45,7 @@ window.fetch = async (url, how) => {
   const core = {sentence: '', why: [], proven: true};
   const none = {ranking: [], card: [], absorbed: [], error: '', next: '', core};
   const selected = ['entropic_heat', 'thermocouple_lag'];
-  state.diagnosed = {...none, verdict: 'missing_effect', tag: 'Missing', sentence: 'Two.', selected};
+  state.diagnosed = {...none, verdict: 'missing_effect', tag: 'Missing', sentence: 'Two.', selected, offer: selected};
   return new Response(JSON.stringify(state), {headers: {'Content-Type': 'application/json'}});
 };
 """
