@@ -183,9 +183,16 @@ export function show(next) {
   $("what").hidden = !state.opened;
   document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
-  doubt(); opened(state, fold, (string) => { $("string").value = string; typed(); $("open-form").requestSubmit(); }); compare(); verdict(); adding(); away();
+  doubt(); opened(state, fold, (string) => { $("string").value = string; typed(); $("open-form").requestSubmit(); }); onward(); compare(); verdict(); adding(); away();
   settle();
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
+}
+
+// The way on from what was opened, in one click.
+function onward() {
+  if (!state.opened || state.diagnosed) return;
+  const go = () => { dispatchEvent(new CustomEvent("tab", { detail: "diagnose" })); return diagnose(); };
+  $("opened").prepend(el("p", {}, el("button", { type: "button", id: "onward", class: "main", "data-work": true, onclick: go }, "What is missing?")));
 }
 
 // While the desk works, nothing else can be asked of it.
