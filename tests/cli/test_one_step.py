@@ -67,12 +67,13 @@ class Road:
             self.json[name] = json.loads(document.read_text())
             if name == "fit":
                 continue
-            self.html[name] = re.sub("<[^>]*>", " ", html.read_text(encoding="utf-8").partition("<script")[0])
+            text = html.read_text(encoding="utf-8").partition("<script")[0].replace("\N{NO-BREAK SPACE}", " ")
+            self.html[name] = re.sub("<[^>]*>", " ", text)
         bench, tell = Bench(), {"tell": lambda *_: None, "show": lambda _: None}
         request = {"files": {"tables": [str(table)], "model": str(self.model)}, "folder": str(uploads)}
         request |= {"words": [added], "force": True, "text": log.model, "name": REFITTED}
         self.page = {do: bench.answer({**request, "do": do}, **tell) for do in ("compare", "add")}
-        self.step = with_added(named_all([added]))
+        self.step = with_added(named_all([added]), forced=self.json["add"]["refused"] is not None)
         request |= {"text": self.page["add"]["text"], "name": self.step}
         self.page["compare added"] = bench.answer({**request, "do": "compare"}, **tell)
 
