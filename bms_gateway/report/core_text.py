@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
@@ -26,9 +26,6 @@ DOUBTFUL_NUMBERS = (
 )
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
-OUTSIDE = 0.1
-"""Share of a core thermocouple's readings outside the 95 % band above which the band is wrong: twice the share that is
-expected outside. The error of a model is nearly constant over minutes, so the share itself scatters."""
 
 
 def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]:
@@ -110,11 +107,6 @@ def numbers_remark(core: KnownCore) -> str:
 def core_text(core: KnownCore) -> str:
     """Write this sentence, and below it the reasons why the core is not proven."""
     return "\n".join([core_sentence(core), *(f"  {parameters_labelled(why)}" for why in core.why)])
-
-
-def outside(check: CoreCheck) -> bool:
-    """Whether a thermocouple in a core contradicts the band."""
-    return 1.0 - check.covered > OUTSIDE
 
 
 def thermocouple_sentence(check: CoreCheck) -> str:
