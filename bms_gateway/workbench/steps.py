@@ -5,13 +5,14 @@ something open casts doubt on its own model and on all later ones, until a later
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 from bms_gateway.diagnosis.error_words import UNKNOWN, rises
 from bms_gateway.report.step_names import FILED, REFITTED, titled
+from bms_gateway.workbench.commands import Leg
 
 Document = dict[str, Any]
 Window = tuple[float, float]
@@ -80,6 +81,15 @@ def _worse(before: Document, after: Document) -> str:
         f"{than}: the error where fitted rises from {one:.3g} to {other:.3g} K. "
         "The model lacks something; its cores are no answer."
     )
+
+
+def way_of(frames: list[Frame], checks: Sequence[Document]) -> list[Leg]:
+    """Return the models of the session for its commands; `checks`: what the direct checks found in the records."""
+    fits = not any(c["severity"] == "stop" for c in checks)
+    legs = [Leg(f.words, f.forced, f.diagnosed is not None) for f in frames]
+    if len(frames) == 1 and frames[0].compared is not None:
+        legs[0] = replace(legs[0], refitted="fits" if fits else "refused")
+    return legs
 
 
 UNFITTED: Final = {
