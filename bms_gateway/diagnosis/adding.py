@@ -101,7 +101,7 @@ class Addition(Step):
         The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
         Before and after: numbers and errors of both models, and their cores. A band that is not proven is never
-        narrower than the band before.
+        narrower than the band before, unless every reason against the core is measured (`exchange`).
     """
 
     model: StringModel
@@ -248,7 +248,7 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
-    """Return the model that may be written, and the cores before and after; unproven bands do not get narrower."""
+    """Return the model that may be written, and the cores before and after; see `Addition.core`."""
     before = known_core(model, records, d.identified[0], d.search.asked)
     same = bool(d.selected) and step.after is d.with_selected
     found = d.identified[1] if same else identify(starting_with(step.after, model), records)

@@ -24,6 +24,11 @@ DOUBTFUL_NUMBERS = (
     "The readings ask for more than this model has. Its numbers make up for that, and each may be off by many times "
     "the sd that stands beside it."
 )
+EXCHANGED = (
+    "This is not the wide band of a core about which nothing is known: it holds every share of the heat lost from "
+    "casings and from cores that the readings and the capacities allow."
+)
+"""Remark on a band that is measured although the core is not proven; it may be narrower than before."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 
@@ -63,6 +68,7 @@ def core_sentence(core: KnownCore) -> str:
         told = f"By these records {which} is known to ± {half_width(half[k])} K (95 %), and nothing speaks against it."
     else:
         told = f"{NOT_PROVEN.capitalize()}: {which} may be ± {half_width(half[k])} K off (95 %), or more."
+        told += "" if core.exchanged is None else f" {EXCHANGED}"
     return f"{told} {rests_on(core.unseen, core.unlike)}".rstrip()
 
 
