@@ -36,6 +36,8 @@ COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q 
 """Columns of a table that an effect may need."""
 FORCED = "Added by force, though"
 """Remark on the cores of a model to which an effect was added against the records."""
+EARLIER = "Added by force in an earlier step, although it was said then"
+"""The same remark on the models made from it: the reason is about the numbers of that step."""
 CANNOT_TELL = "These records cannot tell"
 LACKING = "these records lack something that is in no catalogue"
 SEARCH = 0.8
@@ -101,7 +103,7 @@ class Addition(Step):
         The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
         Before and after: numbers and errors of both models, and their cores. A band that is not proven is never
-        narrower than the band before.
+        narrower than the band before, unless every reason against the core is measured (`exchange`).
     """
 
     model: StringModel
@@ -248,12 +250,12 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
-    """Return the model that may be written, and the cores before and after; unproven bands do not get narrower."""
+    """Return the model that may be written, and the cores before and after; see `Addition.core`."""
     before = known_core(model, records, d.identified[0], d.search.asked)
     same = bool(d.selected) and step.after is d.with_selected
     found = d.identified[1] if same else identify(starting_with(step.after, model), records)
     # a later step may prove the core, but not if something was added against the records
-    said = [*(x for x in model.doubts if x.startswith(FORCED)), *step.doubts]
+    said = [*earlier_forced(model), *step.doubts]
     said += [f"{FORCED}: {step.refused}."] if step.refused else []
     held_K = (errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit))
     said += [] if falls(*held_K) else ["The error where nothing was fitted does not fall with what was added."]
@@ -262,6 +264,12 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
     written = _with_ties(written, step.tied)
     own["remark"] = step.remark or " ".join(tie_sentences(written))
     return Addition(**own, model=written, core=(before, after))
+
+
+def earlier_forced(model: StringModel) -> list[str]:
+    """Return what was said against effects that were added to a model by force, as of the step that added them."""
+    found = [why.replace(FORCED, EARLIER, 1) if why.startswith(FORCED) else why for why in model.doubts]
+    return [why for why in found if why.startswith(EARLIER)]
 
 
 def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
+from bms_gateway.diagnosis.core_band import CoreBand, core_bands
+from bms_gateway.diagnosis.core_check import CoreCheck, core_checks
 from bms_gateway.diagnosis.core_known import KnownCore, known_core
 from bms_gateway.diagnosis.filed import filed_fit
 from bms_gateway.diagnosis.findings import (
@@ -26,37 +27,10 @@ from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
 from bms_gateway.diagnosis.prepare import joined, measured
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.diagnosis.regimes import FEATURES, seconds_of
+from bms_gateway.diagnosis.regimes import FEATURES
 from bms_gateway.diagnosis.residuals import Structure, structure
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.thermal import Floats, StringModel
-from bms_gateway.thermal.centre import probe_lever
-
-
-@dataclass(frozen=True, slots=True)
-class CoreCheck:
-    """Model compared with a thermocouple in a core that no fit has used, at the position `core_probe`.
-
-    Attributes
-    ----------
-    record, cell : int
-    rmse_K, bias_K : float
-        Bias: thermocouple minus model.
-    covered : float
-        Share of the readings within 1.96 sd; the sd contains the band and the uncertain position of the thermocouple.
-    time_s, measured : ndarray (K,)
-    source : str
-        Name of the record if there are several; otherwise empty.
-    """
-
-    record: int
-    cell: int
-    rmse_K: float
-    bias_K: float
-    covered: float
-    time_s: Floats
-    measured: Floats
-    source: str = ""
+from bms_gateway.thermal import StringModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,45 +164,3 @@ def _variant(
         checks,
         findings,
     )
-
-
-def core_checks(records: Sequence[Record], fit: MapFit, bands: Sequence[CoreBand]) -> tuple[CoreCheck, ...]:
-    """Compare a fit with the thermocouples in the cores of its records.
-
-    Parameters
-    ----------
-    records : sequence of Record
-    fit : MapFit
-        Of these records, in their order.
-    bands : sequence of CoreBand
-        Of the fit.
-    """
-    found = (c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
-    return tuple(replace(c, source=records[c.record].source) if len(records) > 1 else c for c in found)
-
-
-def _core_checks(record: Record, fit: MapFit, r: int, band: CoreBand) -> list[CoreCheck]:
-    if not len(record.core.y):
-        return []
-    with_core = measured(record, fit.problem.model, join=joined(record, fit.problem.model), core=True)
-    t = seconds_of(with_core)
-    found = []
-    for j, (kind, cell) in enumerate(with_core.channels):
-        mine = with_core.channel == j
-        if kind != "probe" or not mine.any():
-            continue
-        y = with_core.y[mine]
-        read, sd = at_times(band, cell, t[mine], probe_lever(fit.problem.model))
-        error = y - read
-        found.append(
-            CoreCheck(
-                r,
-                cell,
-                float(np.sqrt(np.mean(error**2))),
-                float(np.mean(error)),
-                float(np.mean(np.abs(error) <= 1.96 * np.maximum(sd, 1e-9))),
-                t[mine],
-                y,
-            )
-        )
-    return found

@@ -15,7 +15,8 @@ A core is **proven** by records if all of these hold:
 * no effect of the catalogue passes the gates of `diagnose`: a missing effect can move the core without a change of
   the surface;
 * no effect of the model looks at every surface like another one that leads to a different core (`Effect.elsewhere`);
-* no number ends at a bound, beyond `FAR` standard deviations from its prior, or against the cell's format.
+* no number ends at a bound, beyond `FAR` standard deviations from its prior, or against the cell's format;
+* no thermocouple in a core contradicts the band (`core_check`). No fit and no choice of effects uses its readings.
 
 After `fit --calibrate`, a thermocouple in the core has confirmed the core: the third and fourth condition are then
 checked only if the model error exceeds `LARGE_K`.
@@ -31,6 +32,7 @@ from bms_gateway.diagnosis.calibrate import Identified, fitted_model, identify
 from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
 from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, typical_K
+from bms_gateway.diagnosis.core_check import CONTRADICTED, contradiction, core_checks
 from bms_gateway.diagnosis.exchange import exchanged_share
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.misfit import nearest, sensors
@@ -185,8 +187,8 @@ def known_core(
     why = tuple(dict.fromkeys([*model.doubts, *said, *elsewhere]))
     share = exchanged_share(fitted, records) if why and set(why) <= set(_elsewhere(model)) else None
     assumed = LUMPED if not why else UNPROVEN if share is None else max(LUMPED, share)
-    bands = bands_of(fitted, assumed)
-    return KnownCore(fitted, bands, why, bool(lacks), share).widened(model.core_doubt)
+    core = KnownCore(fitted, bands_of(fitted, assumed), why, bool(lacks), share).widened(model.core_doubt)
+    return _held_against(core, records)
 
 
 def judged_model(
@@ -233,6 +235,14 @@ def bands_of(found: Identified, share: float) -> tuple[CoreBand, ...]:
     n = found.fit.problem.model.cells
     left = [max(s, found.model_error_K) for s in nearest(sensors(found.fit), n)]
     return core_bands(found.fit, left, share=share)
+
+
+def _held_against(core: KnownCore, records: Sequence[Record]) -> KnownCore:
+    """Hold cores against the thermocouples in them: one that contradicts its band is a reason, and is said once."""
+    against = contradiction(core_checks(records, core.identified.fit, core.bands))
+    if not against or any(why.startswith(CONTRADICTED) for why in core.why):
+        return core
+    return replace(core, why=(*core.why, against), exchanged=None).widened(UNPROVEN)
 
 
 def _unusable(model: StringModel, records: Sequence[Record], doubts: Sequence[float]) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
-from bms_gateway.diagnosis.error_words import rises
+from bms_gateway.diagnosis.error_words import falls, rises
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
@@ -113,7 +113,7 @@ def tie_sentences(model: StringModel) -> tuple[str, ...]:
 
 
 def refit_sentences(before: tuple[float, float], after: tuple[float, float], lacks: bool) -> tuple[str, ...]:
-    """Say where a refit follows the surfaces less closely than the file; empty if it does not.
+    """Say where a refit follows the surfaces less closely than the file, and where more; empty if nowhere less.
 
     Parameters
     ----------
@@ -122,15 +122,18 @@ def refit_sentences(before: tuple[float, float], after: tuple[float, float], lac
     lacks : bool
         Whether the refit allows for something that the model lacks. If not, held-out errors differ by chance.
     """
-    places = ("", " where nothing was fitted")
-    worse = [
-        f"{other:.3g} K{where}, not {one:.3g} K"
+    places = (" where fitted", " where nothing was fitted")
+    both = [
+        (f"{other:.3g} K{where}, not {one:.3g} K", one, other)
         for where, one, other in zip(places, before, after, strict=True)
-        if rises(one, other) and (lacks or not where)
+        if lacks or where == places[0]
     ]
+    worse, better = ([said for said, one, other in both if moved(one, other)] for moved in (rises, falls))
     if not worse:
         return ()
     said = f"The refitted numbers follow the surfaces less closely than those of the file: {'; '.join(worse)}."
+    if better:
+        said += f" More closely: {better[0]}."
     if lacks:
         said += (
             " The model lacks something, and the refit allows for that: its numbers are not those that come closest to "

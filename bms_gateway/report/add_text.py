@@ -9,7 +9,7 @@ import numpy as np
 from bms_gateway.diagnosis.adding import FORCED
 from bms_gateway.diagnosis.calibrate import Change, ChannelError
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.record_finding import Finding

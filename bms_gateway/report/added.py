@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.calibrate import changes, channel_errors
-from bms_gateway.diagnosis.compare import core_checks
+from bms_gateway.diagnosis.core_check import core_checks
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnosis.calibrate import Identified, changes
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.compare import Comparison, Variant
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K, typical_K
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.misfit import Level
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.regimes import Regime

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
@@ -24,11 +24,13 @@ DOUBTFUL_NUMBERS = (
     "The readings ask for more than this model has. Its numbers make up for that, and each may be off by many times "
     "the sd that stands beside it."
 )
+EXCHANGED = (
+    "This is not the wide band of a core about which nothing is known: it holds every share of the heat lost from "
+    "casings and from cores that the readings and the capacities allow."
+)
+"""Remark on a band that is measured although the core is not proven; it may be narrower than before."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
-OUTSIDE = 0.1
-"""Share of a core thermocouple's readings outside the 95 % band above which the band is wrong: twice the share that is
-expected outside. The error of a model is nearly constant over minutes, so the share itself scatters."""
 
 
 def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]:
@@ -66,6 +68,7 @@ def core_sentence(core: KnownCore) -> str:
         told = f"By these records {which} is known to ± {half_width(half[k])} K (95 %), and nothing speaks against it."
     else:
         told = f"{NOT_PROVEN.capitalize()}: {which} may be ± {half_width(half[k])} K off (95 %), or more."
+        told += "" if core.exchanged is None else f" {EXCHANGED}"
     return f"{told} {rests_on(core.unseen, core.unlike)}".rstrip()
 
 
@@ -110,11 +113,6 @@ def numbers_remark(core: KnownCore) -> str:
 def core_text(core: KnownCore) -> str:
     """Write this sentence, and below it the reasons why the core is not proven."""
     return "\n".join([core_sentence(core), *(f"  {parameters_labelled(why)}" for why in core.why)])
-
-
-def outside(check: CoreCheck) -> bool:
-    """Whether a thermocouple in a core contradicts the band."""
-    return 1.0 - check.covered > OUTSIDE
 
 
 def thermocouple_sentence(check: CoreCheck) -> str:

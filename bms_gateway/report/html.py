@@ -12,7 +12,8 @@ from pathlib import Path
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck
+from bms_gateway.diagnosis.compare import Comparison
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Card
 from bms_gateway.diagnosis.diagnosis import Diagnosis
@@ -23,7 +24,7 @@ from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import core_sentence, numbers_remark, outside, thermocouple_sentence
+from bms_gateway.report.core_text import core_sentence, numbers_remark, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import LEFT, Told, closer_numbers
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
@@ -313,7 +314,7 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
         sentence = core_sentence(core)
         said = paragraph(sentence) if core.proven else f'<p class="alarm">{escape(sentence)}</p>'
         said += items([parameters_labelled(text) for text in core.why])
-    read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
+    read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if c.outside]
     return said + "".join(read)
 
 

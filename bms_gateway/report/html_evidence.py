@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from html import escape
 
-from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import half_width_K
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import unlike, unseen
 from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure

@@ -7,15 +7,15 @@ from html import escape
 import numpy as np
 
 from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, MOVED, UNIDENTIFIABLE, statuses
-from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
+from bms_gateway.diagnosis.core_check import CoreCheck, outside
 from bms_gateway.diagnosis.curve import Curve
 from bms_gateway.diagnosis.misfit import Level, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.errors import counted
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.core_text import OUTSIDE, UNKNOWN_K, half_width
+from bms_gateway.report.core_text import UNKNOWN_K, half_width
 from bms_gateway.report.diagnosis_text import WITH_SD, with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
@@ -109,7 +109,7 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
             error = c.measured - read
             inside = float(np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9)))
             share = f"{100 * inside:.0f} %"
-            share = share if 1.0 - inside <= OUTSIDE else f'<span class="danger">{share}</span>'
+            share = f'<span class="danger">{share}</span>' if outside(inside) else share
             row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), share]
         rows.append(row)
     return grouped(

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 PROGRAM = "bms-gateway"
 UNNAMED = "string_1"
@@ -26,13 +26,38 @@ def model_name(model: str, step: int) -> str:
     return model if step == 0 else f"{Path(model).stem}_with_{step}.toml"
 
 
+def fitted_name(model: str) -> str:
+    """Name the file of the numbers that a fit finds.
+
+    Examples
+    --------
+    >>> fitted_name("packs/string_1.toml")
+    'string_1_fitted.toml'
+    """
+    return f"{Path(model).stem}_fitted.toml"
+
+
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One model of the session: effects added to the previous model, whether by force, and whether it was diagnosed."""
+    """One model of the session.
+
+    Attributes
+    ----------
+    words : sequence of str
+        Effects added to the previous model.
+    forced : bool
+        Whether they were added by force.
+    diagnosed : bool
+        Whether it was diagnosed.
+    refitted : {"", "fits", "refused"}
+        Whether numbers of a refit are shown that its file does not hold, and whether `fit` would write them: it
+        refuses records that the direct checks refuse. The file after an addition holds its numbers.
+    """
 
     words: Sequence[str] = ()
     forced: bool = False
     diagnosed: bool = False
+    refitted: Literal["", "fits", "refused"] = ""
 
 
 def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
@@ -61,6 +86,8 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     for i, leg in enumerate(way):
         name = _plain(model_name(model, i))
         if i == 0:
+            if leg.refitted == "fits":
+                lines.append([PROGRAM, "fit", *tables, "--model", name, *more, "--out", _plain(fitted_name(model))])
             lines.append([PROGRAM, "compare", *tables, "--model", name, *more])
         else:
             force = ["--force"] if leg.forced else []
@@ -71,6 +98,27 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     if way:
         lines[-1] += ["--html", "report.html"]
     return differ + [shlex.join(words) for words in lines]
+
+
+def told_of_model(files: Mapping[str, Any], way: Sequence[Leg]) -> str:
+    """Say that the model file that is taken away does not hold the numbers of a refit; empty if it does.
+
+    Parameters
+    ----------
+    files, way :
+        As for `command_lines`.
+    """
+    refitted = way[-1].refitted if way else ""
+    if not refitted:
+        return ""
+    said = "This file holds the numbers from before, not the refitted ones."
+    if refitted == "refused":
+        return f"{said} A check refuses these records, so no file is written with numbers that were fitted to them."
+    name = fitted_name(str(files["model"]))
+    return (
+        f"{said} The command fit below writes the refitted numbers, with what is known of the core, to {name}. To "
+        "estimate with them, name that file in the gateway's config."
+    )
 
 
 def _columns(files: Mapping[str, Any]) -> tuple[list[str], list[str]]:

@@ -14,11 +14,11 @@ from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.busy import BusyError
-from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read
+from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read, told_of_model
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
 from bms_gateway.workbench.shared import Shared
-from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of
+from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of, way_of
 from bms_gateway.workbench.task_request import TaskRequest
 from bms_gateway.workbench.uploads import Uploads
 
@@ -335,6 +335,7 @@ class Desk:
                 "dropped": self._to_resume.dropped,
                 "resuming": self._to_resume.going,
                 "commands": command_lines(files, self._way()) if files else [],
+                "model_told": told_of_model(files, self._way()) if files else "",
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
                 "read": files_read(self.files, self.folder) if self.files else [],
             }
@@ -367,7 +368,7 @@ class Desk:
         return session_of(files, self._frames, self._notes, (self._opened or {}).get("digest"))
 
     def _way(self) -> list[Leg]:
-        return [Leg(f.words, f.forced, f.diagnosed is not None) for f in self._frames]
+        return way_of(self._frames, (self._opened or {}).get("checks", []))
 
     def _diagnosed(self) -> Frame | None:
         """Return the newest diagnosed model: its ranking stays visible while effects are added one by one."""

@@ -7,8 +7,9 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.compare import Comparison, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore, unlike, unseen
 from bms_gateway.diagnosis.diagnosis import Diagnosis
 from bms_gateway.diagnosis.filed import seen_on
@@ -19,7 +20,7 @@ from bms_gateway.diagnosis.verdict_parts import Errors, errors
 from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence
+from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import (
     Part,
     Told,
@@ -158,7 +159,7 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
 
 def thermocouple(check: CoreCheck) -> Document:
     """Describe the error of a model against a thermocouple in a core that no fit has used."""
-    return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": outside(check)}
+    return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": check.outside}
 
 
 def stair(e: Errors, core_K: float) -> Document:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.compare import Comparison, Variant
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.regimes import seconds_of
 from bms_gateway.frames.vocabulary import INPUTS, Quantity

@@ -5,13 +5,14 @@ something open casts doubt on its own model and on all later ones, until a later
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from bms_gateway.diagnosis.error_words import UNKNOWN, rises
+from bms_gateway.diagnosis.error_words import UNKNOWN, course, falls, rises
 from bms_gateway.report.step_names import FILED, REFITTED, titled
+from bms_gateway.workbench.commands import Leg
 
 Document = dict[str, Any]
 Window = tuple[float, float]
@@ -70,16 +71,40 @@ def steps_of(frames: list[Frame]) -> list[Document]:
 
 
 def _worse(before: Document, after: Document) -> str:
-    """Say that a step follows the surfaces less closely than the previous one; empty if it does not."""
-    one, other = ((s["stair"] or {}).get("trained_K") for s in (before, after))
+    """Say that a step follows the fitted readings less closely than the previous one, and what the held-out ones say.
+
+    Empty if it follows the fitted readings as closely.
+    """
+    (one, held), (other, held_after) = (
+        [(s["stair"] or {}).get(k) for k in ("trained_K", "held_K")] for s in (before, after)
+    )
     if one is None or other is None or not rises(one, other):
         return ""
     what = "This refit" if after["name"] == REFITTED else f"The step “{after['name']}”"
-    than = f"{what} is worse than the model {before['name']}"
-    return (
-        f"{than}: the error where fitted rises from {one:.3g} to {other:.3g} K. "
-        "The model lacks something; its cores are no answer."
-    )
+    than, fitted = f"{what} is worse than the model {before['name']}", course(one, other, _digits)
+    if held is None or held_after is None:
+        said = f"{than}: the error where fitted {fitted}."
+    elif falls(held, held_after):
+        better = course(held, held_after, _digits)
+        said = (
+            f"{than} where it was fitted, and better where not: the error where fitted {fitted}, held out it {better}."
+        )
+    else:
+        said = f"{than}: the error where fitted {fitted}, held out it {course(held, held_after, _digits)}."
+    return f"{said} The model lacks something; its cores are no answer."
+
+
+def _digits(x: float) -> str:
+    return f"{x:.3g}"
+
+
+def way_of(frames: list[Frame], checks: Sequence[Document]) -> list[Leg]:
+    """Return the models of the session for its commands; `checks`: what the direct checks found in the records."""
+    fits = not any(c["severity"] == "stop" for c in checks)
+    legs = [Leg(f.words, f.forced, f.diagnosed is not None) for f in frames]
+    if len(frames) == 1 and frames[0].compared is not None:
+        legs[0] = replace(legs[0], refitted="fits" if fits else "refused")
+    return legs
 
 
 UNFITTED: Final = {

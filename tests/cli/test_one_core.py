@@ -142,6 +142,19 @@ def test_what_is_added_by_force_is_never_called_added_plainly_nor_known_better(r
     again = pack.folder / "again.toml"
     assert told("fit", pack.clean, "--model", out, "--out", again)["core"]["proven"] is False
     assert any(why.startswith("Added by force, though: ") for why in read_model(again).doubts)
+    # the numbers of a later step are others: the reason is told as of the step at which it was said
+    (reason,) = (why for why in read_model(out).doubts if why.startswith("Added by force, though: "))
+    earlier = reason.replace(
+        "Added by force, though: ", "Added by force in an earlier step, although it was said then: "
+    )
+    for name, before in (("entropic_heat", out), ("resistance_drift", pack.folder / "entropic_heat.toml")):
+        later = pack.folder / f"{name}.toml"
+        words = ("add", name, "--model", before, "--data", pack.clean, "--out", later, "--force")
+        why = told(*words)["core"]["why"]
+        assert why.count(earlier) == 1
+        assert reason not in why
+        assert list(read_model(later).doubts) == why
+        assert "by force" in why[0]
 
 
 def test_a_page_calls_the_same_numbers_not_identifiable_as_the_terminal(road):

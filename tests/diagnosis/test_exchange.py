@@ -8,6 +8,7 @@ import pytest
 from bms_gateway.config.model_file import format_model, parse_model
 from bms_gateway.diagnosis.calibrate import identify
 from bms_gateway.diagnosis.core_known import judged_model, known_core
+from bms_gateway.report.core_text import EXCHANGED, core_sentence
 from bms_gateway.thermal import AddedEffect
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log
@@ -53,6 +54,9 @@ def test_the_band_holds_every_share_of_the_two_losses(hidden, called, cells, see
     again = known_core(parse_model(format_model(written)), [record])
     assert again.sd_K == pytest.approx(stated.sd_K, rel=0.02)
     assert again.why == core.why
+    # a band that may be narrower than before although nothing is proven says what it holds
+    assert core_sentence(core).startswith("Core not proven: ")
+    assert all(EXCHANGED in core_sentence(c) for c in (core, stated, again))
 
 
 def test_what_speaks_against_the_core_beside_the_losses_keeps_the_wide_band():
@@ -63,3 +67,4 @@ def test_what_speaks_against_the_core_beside_the_losses_keeps_the_wide_band():
     assert core.exchanged is None
     assert len(core.why) > 1
     assert core.sd_K > 3.0
+    assert EXCHANGED not in core_sentence(core)

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.compare import CoreCheck, compare
+from bms_gateway.diagnosis.compare import compare
+from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import known_core
-from bms_gateway.report.core_text import core_document, core_sentence, core_text, outside, thermocouple_sentence
+from bms_gateway.report.core_text import core_document, core_sentence, core_text, thermocouple_sentence
 from bms_gateway.report.html_evidence import evidence, summary
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.step_names import REFITTED
@@ -33,14 +34,16 @@ def check(covered):
 def test_a_thermocouple_is_within_a_band_only_where_its_readings_are(covered, end, alarm) -> None:
     """Of one with 9 % of its readings 20 K above the band it was said that it lies within."""
     assert thermocouple_sentence(check(covered)) == f"Thermocouple in the core of cell 2, never fitted to: {end}"
-    assert outside(check(covered)) is alarm
+    assert check(covered).outside is alarm
 
 
 @pytest.mark.parametrize("proven", [True, False])
 @pytest.mark.parametrize(("unseen", "said"), [((2, 4, 5), "Cells 2, 4, 5 have"), ((5,), "Cell 5 has"), ((), None)])
 def test_a_band_of_a_cell_without_a_thermocouple_says_what_it_assumes(proven, unseen, said) -> None:
     """The band of such a cell, whose R_e was 70 % higher, held its core 1 % of the time, and nothing said why."""
-    core = SimpleNamespace(half_width_K=np.array([1.0, 2.0, 1.0, 2.0, 5.35]), proven=proven, unseen=unseen, unlike=0.02)
+    core = SimpleNamespace(
+        half_width_K=np.array([1.0, 2.0, 1.0, 2.0, 5.35]), proven=proven, unseen=unseen, unlike=0.02, exchanged=None
+    )
     sentence = core_sentence(core)
     assert "cell 5, known least" in sentence
     if said is None:
@@ -59,7 +62,7 @@ def test_reasons_against_a_core_have_labels_and_a_true_minus():
         "cell_cooling:2.a ends at its bound.",
     )
     core = SimpleNamespace(
-        half_width_K=np.ones(1), proven=False, unseen=(), unlike=0.0, sd_K=0.5, centre_sd_K=0.5, why=why
+        half_width_K=np.ones(1), proven=False, unseen=(), unlike=0.0, sd_K=0.5, centre_sd_K=0.5, why=why, exchanged=None
     )
     page = told_core(core)["why"]
     assert page[0].endswith("−1 1/h: not believed.")

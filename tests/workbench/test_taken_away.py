@@ -12,10 +12,11 @@ from bms_gateway.bus.logfile import write_log
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
-from bms_gateway.workbench.commands import Leg, command_lines, config_lines
+from bms_gateway.workbench.commands import Leg, command_lines, config_lines, told_of_model
 from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.site import Site
 from bms_gateway.workbench.sources import Playback
+from bms_gateway.workbench.steps import Frame, way_of
 from tests.support.desk_steps import done
 from tests.support.doors import ask, serving
 from tests.support.vehicle_traffic import traffic
@@ -72,6 +73,60 @@ def test_commands_on_uploads_run_with_the_files_that_are_saved(tmp_path, monkeyp
         assert string == {"name": "string_1", "model": "model_with_1.toml"}
         made, taken = (tomllib.loads((elsewhere / x).read_text()) for x in (string["model"], newest))
         assert made == taken
+
+
+@pytest.mark.slow
+def test_the_numbers_of_a_refit_are_written_by_a_command_and_the_page_says_so(tmp_path, monkeypatch):
+    """The page showed a refit; the file was the untouched one, and neither word nor command told of its numbers."""
+    pack = make_pack(tmp_path, seconds=900)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    with serving() as server:
+        desk = server.site.new_desk()
+        where = f"?desk={desk.name}"
+        ask(server, "POST", f"/api/upload{where}&name=day.csv", pack.hidden.read_bytes(), **BYTES)
+        body = {"tables": ["day.csv"], "model": "", "form": {"cell": "a123_32157", "cells": "3"}}
+        assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
+        state = done(desk)
+        told, refitted = state["model_told"], state["steps"][-1]
+        assert told.startswith("This file holds the numbers from before, not the refitted ones.")
+        assert "model_fitted.toml" in told
+        assert state["commands"][-1].endswith("--html report.html")
+        for name in state["read"]:
+            saved(server, desk, elsewhere, "file", name)
+        assert saved(server, desk, elsewhere, "model", "model.toml") == "model.toml"
+        typed(state["commands"], elsewhere, monkeypatch)
+        written = tomllib.loads((elsewhere / "model_fitted.toml").read_text())
+        core = refitted["core"]
+        assert written["posterior"]["core_proven"] is core["proven"]
+        (elsewhere / "model.toml").write_bytes((elsewhere / "model_fitted.toml").read_bytes())
+        ask(server, "POST", f"/api/upload{where}&name=fitted.toml", (elsewhere / "model.toml").read_bytes(), **BYTES)
+        body = {"tables": ["day.csv"], "model": "fitted.toml"}
+        assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
+        again = done(desk)["steps"][-1]
+        assert again["core"]["sd_K"] == core["sd_K"]
+        assert again["stair"] == refitted["stair"]
+
+
+@pytest.mark.parametrize(("refitted", "writes"), [("", False), ("refused", False), ("fits", True)])
+def test_what_is_said_of_the_model_file_is_what_the_commands_can_do(refitted, writes):
+    files = {"tables": ["a.csv"], "model": "packs/s 1.toml", "config": "", "string": "", "columns": ["time_s=t"]}
+    way = [Leg(refitted=refitted)]
+    fits = [shlex.split(x) for x in command_lines(files, way) if x.startswith("bms-gateway fit ")]
+    data = ["a.csv", "--model", "packs/s 1.toml", "--columns", "time_s=t", "--out", "s 1_fitted.toml"]
+    assert fits == ([["bms-gateway", "fit", *data]] if writes else [])
+    assert ("s 1_fitted.toml" in told_of_model(files, way)) is writes
+    assert bool(told_of_model(files, way)) is bool(refitted)
+    assert told_of_model(files, [Leg(), Leg(["entropic_heat"])]) == ""
+
+
+@pytest.mark.parametrize(("severity", "said"), [("warn", "fits"), ("stop", "refused")])
+def test_a_fit_is_offered_after_a_comparison_where_the_checks_allow_it(severity, said):
+    first, checks = Frame("", "refitted"), [{"severity": severity}]
+    assert [leg.refitted for leg in way_of([first], checks)] == [""]
+    first.compared = {}
+    assert [leg.refitted for leg in way_of([first], checks)] == [said]
+    assert [leg.refitted for leg in way_of([first, Frame("", "+ a")], checks)] == ["", ""]
 
 
 @pytest.mark.slow

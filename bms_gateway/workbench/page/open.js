@@ -61,6 +61,9 @@ const hasInlet = (g) => g.rows.some((r) => r.what === "coolant_inlet_C");
 const lacking = (g) => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !g.rows.some((r) => r.what === x) && !(g.inlet && x === "coolant_inlet_C")).map((x) => ONCE[x].split(",")[0])
   .concat(g.rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
 
+// A change of a field is told before Tab moves the focus: what was drawn anew at once would leave Tab no field to go to.
+const redraw = () => setTimeout(draw, 0);
+
 function draw() {
   const box = $("mapping"), shown = groups.filter((g) => !opened || !g.look.log);
   box.hidden = !shown.length;
@@ -85,7 +88,7 @@ function columnsOf(g) {
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
         : guessed ? `${many(guessed, "column is", "columns are")} guessed (marked ?): check ${guessed === 1 ? "it, with its unit and sign" : "them, with their units and signs"}.` : "The names of the columns say what they are."),
     hasInlet(g) ? "" : constant(g, k),
-    wide(el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
+    wide(el("div", { class: "scroll", id: k ? `mapping-table-${k}` : "mapping-table", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
       el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Read as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...g.rows.map((r) => line(g, r)))))),
     look.notes.length ? el("p", { class: "muted" }, `${sentence(look.notes.join("; "))}.`) : ""];
@@ -95,13 +98,13 @@ function columnsOf(g) {
 function constant(g, k) {
   const id = k ? `inlet-${k}` : "inlet";
   return el("p", {}, el("label", { for: id, class: "typed" }, "No column has the inlet, or the air around? It was, all along (°C where no unit is written) "),
-    el("input", { id, value: g.inlet, class: "some", inputmode: "text", autocomplete: "off", placeholder: "22 °C", onchange: (e) => { g.inlet = e.target.value.trim(); draw(); again(); } }));
+    el("input", { id, value: g.inlet, class: "some", inputmode: "text", autocomplete: "off", placeholder: "22 °C", onchange: (e) => { g.inlet = e.target.value.trim(); redraw(); again(); } }));
 }
 
 function line(g, r) {
   const { look, rows } = g, k = groups.indexOf(g), c = look.columns[r.at], id = `${k ? `table-${k}-` : ""}column-${r.at}`;
   const options = [["", "not used"], ...Object.entries(ONCE), ...Object.entries(MANY).map(([k, v]) => [k, v[0]])];
-  const change = (more) => { Object.assign(r, more, { touched: true, by: r.by === "guess" ? "told" : r.by }); draw(); again(); };
+  const change = (more) => { Object.assign(r, more, { touched: true, by: r.by === "guess" ? "told" : r.by }); redraw(); again(); };
   const what = el("select", { id, "aria-label": `${r.name} is`, onchange: (e) => {
     const next = e.target.value;
     const others = rows.filter((x) => x !== r && x.what === next).map((x) => x.cell);

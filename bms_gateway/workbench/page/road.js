@@ -459,6 +459,7 @@ function away() {
   const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
   takeFiles.replaceChildren(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
+    state.model_told ? el("p", { id: "take-model-told", class: "alarm" }, state.model_told) : "",
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown"), " ", readyBox),
     el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: withNotes }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
   const file = (read) => `/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name: read })}`;
