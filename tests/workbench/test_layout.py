@@ -13,7 +13,7 @@ const panels = document.querySelector('#panels'), found = [];
 const right = panels.getBoundingClientRect().left + panels.clientLeft + panels.clientWidth;
 if (panels.scrollWidth > panels.clientWidth) found.push(`panels: ${panels.scrollWidth} in ${panels.clientWidth}`);
 for (const e of panels.querySelectorAll('*')) {
-  if (!e.getClientRects().length || e.closest('.scroll, .hidden') || e.matches('input[type=file]')) continue;
+  if (!e.getClientRects().length || e.closest('.scroll, .hidden, .aloud') || e.matches('input[type=file]')) continue;
   const told = `${e.tagName} ${e.id || e.className}: ${e.innerText?.slice(0, 40)}`;
   if (e.getBoundingClientRect().right > right + 1) found.push(`over the edge: ${told}`);
   const hides = !e.matches('input, textarea') && ['hidden', 'clip'].includes(getComputedStyle(e).overflowX);
