@@ -131,7 +131,7 @@ def _sign(current: Floats, witness: Floats, step_s: float, name: str) -> Iterato
     size = max(int(PART_S / step_s), LEAST_PART)
     edges = np.linspace(0, len(current), max(1, round(len(current) / size)) + 1).astype(int)
     told = [correlation(current[i:k], witness[i:k]) for i, k in pairwise(edges)]
-    swings = [np.nanstd(np.append(current[i:k], 0.0)) > LEAST_SWING * np.nanstd(current) for i, k in pairwise(edges)]
+    swings = [_scatter(current[i:k]) > LEAST_SWING * _scatter(current) for i, k in pairwise(edges)]
     against = [k for k, (x, swing) in enumerate(zip(told, swings, strict=True)) if swing and x > AGAINST_PART]
     if against and any(x < -AGAINST_PART for x in told):
         minutes = edges * step_s / 60.0
@@ -143,6 +143,11 @@ def _sign(current: Floats, witness: Floats, step_s: float, name: str) -> Iterato
             f"{rises} for {total:.0f} min between {first:.0f} and {last:.0f} min of the record, and falls with it at "
             "other times: there the current has the other sign. Mend the column, or leave this part out.",
         )
+
+
+def _scatter(x: Floats) -> float:
+    known = x[np.isfinite(x)]
+    return float(np.std(known)) if len(known) else 0.0
 
 
 def check_inlet(r: Record, _: StringModel) -> Iterator[Finding]:
