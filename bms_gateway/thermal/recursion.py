@@ -5,6 +5,8 @@ trajectory of a few cells) the number of calls determines the time: such a recur
 with the response of a whole block (`_Response`).
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from bms_gateway.thermal.parameters import Floats
@@ -40,12 +42,15 @@ class Recursion:
         self.Phi, phi = exponentials(A * dt)
         self.Gamma = phi * dt
         self.block = max(1, int(np.sqrt(steps)))
-        powers = [np.eye(len(A))]
-        with np.errstate(over="ignore", invalid="ignore"):  # as in `run`: numbers tried on the way
-            for _ in range(self.block):
-                powers.append(self.Phi @ powers[-1])
-        self._whole = powers.pop()
-        self._ends = np.concatenate(powers[::-1], axis=1)
+
+    @cached_property
+    def _over_a_block(self) -> tuple[Floats, Floats]:
+        """Φ to the power of a block's length, and what each step of a block adds to its end."""
+        powers = [np.eye(len(self.A))]
+        for _ in range(self.block):
+            powers.append(self.Phi @ powers[-1])
+        whole = powers.pop()
+        return whole, np.concatenate(powers[::-1], axis=1)
 
     def with_steps(self, dt: float, steps: int) -> "Recursion":
         """Return the recursion with steps of another length; the last such recursion is stored."""
@@ -103,12 +108,13 @@ class Recursion:
             drive[:rest, ..., full] = w[..., full * m :].transpose(2, 1, 0)
         drive = np.matmul(self.Gamma, drive.reshape(m, D, P * blocks))
         # the end of each block if it started from zero; then its true start; then every step of all blocks
-        ends = (self._ends @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
+        whole, adds = self._over_a_block
+        ends = (adds @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
         starts = np.empty((D, P, blocks))
         x = x0
         for b in range(blocks):
             starts[..., b] = x
-            x = self._whole @ x + ends[..., b]
+            x = whole @ x + ends[..., b]
         z = starts.reshape(D, P * blocks)
         for step in drive:
             step += self.Phi @ z
