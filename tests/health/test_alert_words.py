@@ -16,6 +16,14 @@ def test_heat_is_told_with_its_band():
     assert "(80 % sure; it may sit in cell 2 or 4, or in several of them); could also be cooling (20 %)" in told
 
 
+def test_no_alert_says_that_a_cell_makes_negative_heat():
+    """Bug: "heats by itself: -50 ± 10 W" was sent while the cell had not cooled."""
+    found = Finding("unexplained_heat", 3, 2, 0, heat=-50.0, heat_sd=5.0, size=136.0)
+    told = sentence(found, 12, 20 * MIN)
+    assert "heats by itself: 136 W when it was found; none is seen now, but the cell has not cooled, since" in told
+    assert "50" not in told
+
+
 def test_shares_of_a_reading_are_per_cent():
     loose = Finding("thermocouple", 3, 1, 0, kind=Kind.LOOSE, size=0.4)
     assert "has come loose: 40 % of the coolant is in its reading" in sentence(loose, 12, MIN)

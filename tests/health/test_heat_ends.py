@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.heat import HeatWatch
+from bms_gateway.health.heat.few_thermocouples import cooled
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds
@@ -94,6 +96,17 @@ def test_the_alarms_of_two_cells_stay_while_they_heat(
     told = heat_of(case, range(6000, 6006))
     assert sum(x != [] for x in told) >= 5
     assert all(level > 0 for x in told for _, level in x)
+
+
+def test_a_cell_without_others_beside_it_is_not_held_hot_by_the_current() -> None:
+    """Bug: beside no thermocouple in use, a gap that the current made was compared with a gap beside other cells."""
+    string = StringModel(5, (1, 3, 5), "single", {k: Prior(x, 0.1) for k, x in LARGE.items()} | {"R_cc": Prior(4, 0.1)})
+    f, g = HeatWatch([string], 1.0).filter, Finding("unexplained_heat", 1, 2, 0, place=0, places=(0,))
+    used, none = np.array([False, True, True]), np.zeros(3, np.bool_)
+    assert not cooled(f, 0, g, np.array([6.0, 1.0, 1.0]), used)
+    assert cooled(f, 0, g, np.array([20.0, 18.0, 18.0]), none)
+    assert not cooled(f, 0, g, np.array([15.5, 11.0, 11.0]), used)  # 4.5 K of 5 K, the gap of 20 K is another quantity
+    assert cooled(f, 0, g, np.array([14.0, 11.0, 11.0]), used)
 
 
 @pytest.mark.slow

@@ -33,6 +33,8 @@ def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats, others: Bools) -> bo
     """Return whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
 
     A cell that still heats does not cool beside the others; the estimate of its heat alone may be wrong by a multiple.
+    Where no other thermocouple shows a cell without heat, current and coolant move the gap as the end of heat does:
+    a string with few thermocouples is judged by it at rest, and any other string counts as cooled.
 
     Parameters
     ----------
@@ -43,10 +45,14 @@ def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats, others: Bools) -> bo
     gaps : ndarray (m,), K
         Surfaces over the coolant, at the thermocouples.
     others : ndarray of bool (m,)
-        Thermocouples that show cells without heat; if there are none, the gap itself counts.
+        Thermocouples that show cells without heat.
     """
-    gap = float(gaps[int(f.at.apart(s, g.place).argmin())])
-    if others.any():
+    gap, beside = float(gaps[int(f.at.apart(s, g.place).argmin())]), bool(others.any())
+    if not beside and not f.usual.alone[s]:
+        return True
+    if beside:
         gap -= float(np.median(gaps[others]))
+    if beside != g.beside:  # another quantity: its greatest value is not known yet
+        g.beside, g.warmest = beside, gap
     g.warmest = max(g.warmest, gap)
     return gap < COOLED * g.warmest

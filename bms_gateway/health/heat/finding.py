@@ -26,6 +26,8 @@ class Finding:
         W, if all of it is in `cell`; NaN for other faults than heat.
     warmest : float
         K, the greatest gap between the cell's surface and the coolant since heat was found.
+    beside : bool
+        `warmest` is that gap beside the gaps of the cells without heat.
     hottest : float
         °C, the greatest estimate of the cell's surface since heat was found.
     colder_ns : int or None
@@ -50,6 +52,7 @@ class Finding:
     low_ns: int | None = None
     size: float = 0.0
     warmest: float = 0.0
+    beside: bool = False
     hottest: float = -273.15
     colder_ns: int | None = None
     still_s: float = 0.0

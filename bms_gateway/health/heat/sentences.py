@@ -43,11 +43,15 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
     if f.code == "unexplained_heat":
         near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells and f.places != (f.place,)]
         beside = f"; it may sit in cell {' or '.join(map(str, near))}, or in several of them" if near else ""
+        now = (
+            f"{_watts(f.heat, 2)} ± {_watts(BAND_SD * f.heat_sd, 1)} W that no current makes"
+            if f.heat > 0.0  # no cell cools by itself
+            else f"{_watts(f.size, 2)} W when it was found; none is seen now, but the cell has not cooled"
+        )
         return (
-            f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(BAND_SD * f.heat_sd, 1)} W that no current "
-            f"makes, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % sure{beside}){else_}: an "
-            "internal short is likely (or heat from outside, as of sun or a heater): stop, cool the string and watch "
-            "the cell"
+            f"cell {f.cell} heats by itself: {now}, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % "
+            f"sure{beside}){else_}: an internal short is likely (or heat from outside, as of sun or a heater): stop, "
+            "cool the string and watch the cell"
         )
     if f.code == "missing_heat":
         return (
