@@ -26,6 +26,7 @@ from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, 
 from bms_gateway.health.heat.standing import SUSPECT
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
+from bms_gateway.health.heat.told_heat import DOUBTED, Told
 from bms_gateway.health.heat.verdict import Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -42,28 +43,6 @@ cell from outside. The second number is for cells that warm beside one with more
 COOLS_K_S = 0.003
 """Rate at which a thermocouple of a string at rest falls while its cell still loses the heat of the drive."""
 FLOW_GRID = 0.1  # ln: a smaller change of the flow is ignored
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """Results on heat that no current makes, for S strings of n cells.
-
-    Attributes
-    ----------
-    heat, heat_sd : ndarray (S, n), W
-        NaN for cells that no sensor observes.
-    core, core_sd : ndarray (S, n), °C, K
-        Cores of cells with accepted heat, and their sd. Where another fault is accepted or suspected: NaN, and the
-        change by this fault; elsewhere NaN.
-    some : bool
-        Whether any of them is a number.
-    """
-
-    heat: Floats
-    heat_sd: Floats
-    core: Floats
-    core_sd: Floats
-    some: bool
 
 
 def step_of(dt: float) -> float:
@@ -172,7 +151,7 @@ class HeatWatch:
         self._ticked: list[HeatTick] = []
         nothing = np.full((S, self.filter.at.cells), np.nan)
         self._first = self.filter.z.copy(), self.filter.P.copy()
-        self._nothing = Told(nothing, nothing, nothing, nothing, some=False)
+        self._nothing = Told(nothing, nothing, nothing, nothing, np.zeros((S, 1)), some=False)
         self.told = self._nothing
 
     def cores(self, core: Floats, sd: Floats) -> tuple[Floats, Floats]:
@@ -183,11 +162,7 @@ class HeatWatch:
         The observer's uncertainty of its numbers applies here too. If a core is further above its surface than in the
         observer's estimate, its sd grows in proportion.
         """
-        told = self.told
-        if not told.some:
-            return core, sd
-        here = np.isfinite(told.core_sd)
-        return np.where(np.isfinite(told.core), told.core, core), np.where(here, np.hypot(sd, told.core_sd), sd)
+        return self.told.cores(core, sd)
 
     def set_parameters(self, s: int, p: StringParameters) -> None:
         """Use identified numbers of string `s`; if they have changed much, the state is found anew."""
@@ -460,7 +435,8 @@ class HeatWatch:
         running = f.running[row]
         heat[row, at.told[row, place]] = np.where(running, value[row, place], np.nan)
         sd[row, at.told[row, place]] = np.where(running, np.sqrt(var[row, place]), np.nan)
-        return Told(heat, sd, core, core_sd, some)
+        doubted = np.array([[0.0 if v.hot else DOUBTED] for v in self.verdicts])
+        return Told(heat, sd, core, core_sd, doubted, some)
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state for a restart, as numbers, words and lists; see `kept`."""
