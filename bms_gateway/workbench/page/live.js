@@ -158,11 +158,14 @@ function events(p, again = false) {
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
   const head = el("thead", {}, el("tr", {}, ...["Last", "First", "Times", "Level", "String", "What", "Seen"].map((t) => el("th", { scope: "col" }, t))));
-  $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
-    el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
+  $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level, onclick: (click) => { if (!click.target.closest("button")) go(e); } },
+    el("td", {}, el("button", { type: "button", class: "go", title: "Show this moment", onclick: () => go(e) }, when(p, e.at))), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
     el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text), el("td", {}, seen(e))))
     : [el("tr", {}, el("td", { colspan: 7 }, "Nothing so far."))])));
 }
+
+// To the moment of an event, which is told to a tenth of a second.
+const go = (e) => steer({ seek: e.at + 0.05 });
 
 // Who has looked at it, and when; or the button to say so.
 function seen(e) {
