@@ -119,8 +119,8 @@ def compare(model: StringModel, records: Sequence[Record], core: KnownCore | Non
         replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
         for mine, best in zip(core_bands(filed), core.bands, strict=True)
     )
-    as_is = _variant("filed", filed, sensors_of(filed), doubted, records)
-    again = _variant("refitted", refitted, sensors_of(refitted), core.bands, records)
+    as_is = _variant("filed", filed, doubted, records, proven=core.proven)
+    again = _variant("refitted", refitted, core.bands, records, proven=core.proven)
     if ties := tie_sentences(model):
         again = replace(again, findings=(*again.findings, *ties))
     before, after = ((v.trained.rmse_K, v.held.rmse_K) for v in (as_is, again))
@@ -131,13 +131,14 @@ def compare(model: StringModel, records: Sequence[Record], core: KnownCore | Non
         as_is,
         again,
         core,
-        _variant("closest", closest, sensors_of(closest), (), records) if core.identified.comes_closer else None,
+        _variant("closest", closest, (), records, proven=False) if core.identified.comes_closer else None,
     )
 
 
 def _variant(
-    name: str, fit: MapFit, sensors: tuple[Sensor, ...], bands: tuple[CoreBand, ...], records: Sequence[Record]
+    name: str, fit: MapFit, bands: tuple[CoreBand, ...], records: Sequence[Record], *, proven: bool
 ) -> Variant:
+    sensors = sensors_of(fit)
     y, sigma, _, _, used = stacked(fit.problem)
     error = y - fit.y
     blocks = blocks_of(fit)
@@ -148,7 +149,7 @@ def _variant(
     explained = tuple(sorted(((k, float(x)) for k, x in totals.items() if x > 0.0), key=lambda e: -e[1]))
     findings = sensor_sentences(sensors, blocks, explained, len(records))
     findings += stream_sentences(fit.problem.model, sensors)
-    findings += core_sentences(bands, sensors, name) if bands else ()
+    findings += core_sentences(bands, sensors, name, proven=proven) if bands else ()
     checks = core_checks(records, fit, bands) if bands else ()
     return Variant(
         name,

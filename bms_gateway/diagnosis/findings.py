@@ -82,19 +82,35 @@ def stream_sentences(model: StringModel, sensors: Sequence[Sensor]) -> tuple[str
     )
 
 
-def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
-    """State the possible error of the core, and warn if the surface agrees nevertheless."""
+def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str, *, proven: bool) -> tuple[str, ...]:
+    """State the possible error of the core, and warn if the surface agrees nevertheless.
+
+    Parameters
+    ----------
+    bands : sequence of CoreBand
+    sensors : sequence of Sensor
+    name : {"filed", "refitted"}
+    proven : bool
+        Whether the cores are proven. The bands hold the error that is left at the surfaces, so such an error alone
+        speaks only against a core that is not proven.
+    """
     half = half_width_K(bands)
     k = int(np.argmax(half))
     core = f"the core of cell {k + 1}"
-    if any(s.disagrees for s in sensors):
+    if any(s.disagrees for s in sensors) and proven and name != "filed":
+        said = "The bands of the cores hold the error that the model leaves at the surfaces"
+        text = f"{said}: {core} may be {half[k]:.2g} K off (95 %)."
+    elif any(s.disagrees for s in sensors):
         judged = ", by what refitting moves" if name == "filed" else ""
         said = "The core estimates are unreliable while the model does not explain the surfaces"
         if half[k] <= LARGE_CORE_K:
             said = "The model does not wholly explain the surfaces"
         text = f"{said}: {core} may be {half[k]:.2g} K off or more{judged}."
-    elif half[k] > LARGE_CORE_K:
-        text = f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %): they alone do not settle it."
+    elif half[k] > LARGE_CORE_K or not proven:
+        more = "" if proven else ", or more"
+        text = (
+            f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %){more}: they alone do not settle it."
+        )
     else:
         text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
     if k + 1 in {s.cell for s in sensors}:

@@ -271,7 +271,7 @@ class Engine:
         """Arm the timer for the tick of the first frame, and carry the state over the time since the last tick."""
         tick = self._plan.tick_ns
         start = first_ns // tick * tick
-        self._deadline, self._heard = start + tick, first_ns
+        heard, self._heard, self._deadline = self._heard, first_ns, start + tick
         self.started_ns = self.started_ns or start
         self.alerting.wake(start)
         self.woken_ns = start
@@ -280,7 +280,8 @@ class Engine:
             unseen = self._restored is not None and not 0 <= start - self._tick_end <= AT_ONCE_NS
             if start < self._tick_end or (unseen and not self._restored and min(start, self._tick_end) < CLOCK_SET_NS):
                 gap_ns = None
-            how_long = "a time that the clock does not tell" if gap_ns is None else f"{gap_ns * 1e-9:.0f} s"
+            silent_ns = first_ns - heard if heard else start - self._tick_end  # a stored state has ticks, no frames
+            how_long = "a time that the clock does not tell" if gap_ns is None else f"{silent_ns * 1e-9:.0f} s"
             self._queue.append(
                 Notice(start, Level.INFO, "awake", f"frames again after {how_long}: state carried over the gap")
             )

@@ -209,6 +209,7 @@ class Forecasts:
         at = [first_crossing(c, self._limit) for c in (course, course + width, course - width)]
         same, other = (np.sqrt(ahead.permitted(self._limit, way=way))[list(LIMITED)] for way in (1, -1))
         same, other = np.minimum(same, MOST_A), np.minimum(other, MOST_A)
+        tight = ahead.limiting(self._limit)
         known = group.by_cell(group.strings[0].newest.core)
         quality = np.isnan(known)
         doubtful = group.by_cell(group.strings[0].newest.quality == DOUBTFUL)
@@ -237,6 +238,7 @@ class Forecasts:
                 (other if charging else same)[:, j],
                 (same if charging else other)[:, j],
                 doubtful[j],
+                int(tight[j]),
             )
 
 

@@ -43,6 +43,8 @@ class Forecast:
         the limit, A.
     doubtful : ndarray of bool (n,)
         Cells whose cores are sent as doubtful.
+    limiting : int
+        Cell (from 0) that limits the current for 10 min in the present direction.
     """
 
     time_ns: int
@@ -62,6 +64,7 @@ class Forecast:
     discharge: Floats
     charge: Floats
     doubtful: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    limiting: int
 
     @property
     def first(self) -> int | None:

@@ -151,6 +151,21 @@ class Ahead:
         way : {1, -1}
             1 for a current in the present direction, -1 for the other direction.
         """
+        square = self._squares(limit_C, sds, way)[0].min(axis=2)
+        return np.asarray(np.minimum.accumulate(square, axis=0), dtype=np.float64)
+
+    def limiting(self, limit_C: float, sds: float = SURE, way: int = 1) -> np.ndarray:
+        """Cell (S,), from 0, that limits the current which is permitted until the last horizon.
+
+        Where none is permitted, it is the cell that lies, with its `sds` standard deviations, farthest above the limit
+        without a load. Cells of which nothing is known are skipped. The parameters are those of `permitted`.
+        """
+        square, over = self._squares(limit_C, sds, way)
+        rank = np.where(square > 0.0, square, -over)
+        return np.asarray(np.where(np.isnan(rank), np.inf, rank).min(axis=0).argmin(axis=1))
+
+    def _squares(self, limit_C: float, sds: float, way: int) -> tuple[Floats, Floats]:
+        """Return permitted squares (H, S, n), A², and by how much each cell is above the limit without a load, K."""
         load = self.load if way > 0 or self.other is None else self.other
         s, certain, z = self.still, self.certainty, sds**2
         room = limit_C - hottest_point(s.core[AT_ENDS], s.surface[AT_ENDS], s.lag[AT_ENDS], self.phi)
@@ -160,8 +175,8 @@ class Ahead:
         c = np.maximum(room, 0.0) ** 2 - z * (certain.w[CENTRE] + certain.q0[CENTRE])
         below = half + np.sqrt(np.maximum(half * half - a * c, 0.0))
         square = np.divide(c, below, out=np.full(c.shape, np.inf), where=below > 0.0)
-        square = np.where(np.isnan(c), np.nan, np.where(c > 0.0, square, 0.0)).min(axis=2)
-        return np.asarray(np.minimum.accumulate(square, axis=0), dtype=np.float64)
+        over = sds * np.sqrt(certain.w[CENTRE] + certain.q0[CENTRE]) - room
+        return np.where(np.isnan(c), np.nan, np.where(c > 0.0, square, 0.0)), over
 
 
 def certainty(still: Course, load: Course, spread: Spread, unlike: Unlike) -> Certainty:

@@ -464,6 +464,8 @@ class Desk:
                 top = self._top
                 top.figures, top.drawn = done.pop("figures"), done.pop("drawn")
                 top.compared = done
+                if top.diagnosed and top.diagnosed.get("recalled"):  # of a file that anybody may have changed
+                    top.diagnosed = {**top.diagnosed, "core": done["core"]}
                 if self._to_resume.to_come:
                     words, force = self._to_resume.to_come.pop(0)
                     self.add(words, force=force)

@@ -22,6 +22,7 @@ from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
+from bms_gateway.health.limits import BAND_SD
 from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 from bms_gateway.workbench.incidents import Events, alerts_now
@@ -122,6 +123,7 @@ class Watch:
             "words": {str(k): w for k, w in WORDS.items()},
             "why": {str(k): w for k, w in WHY.items()},
             "limits": {"core_C": self._alerts.core_max_C, "surface_C": self._alerts.surface_limit_C},
+            "available": {"K": AVAILABLE_SD_K, "unknown_95": BAND_SD * AVAILABLE_SD_K},
             "strings": [
                 {
                     "name": s.plan.name,
@@ -412,6 +414,7 @@ def _ahead(f: Forecast | None) -> dict[str, Any] | None:
         "limit_s": None if first is None else [first + 1, _n(f.limit_s[first], 0)],
         "discharge": [_n(x, 0) for x in f.discharge.tolist()],
         "charge": [_n(x, 0) for x in f.charge.tolist()],
+        "limiting": f.limiting + 1,
     }
 
 

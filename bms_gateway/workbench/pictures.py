@@ -98,7 +98,7 @@ def readings(
         for j, (_, cell) in enumerate(m.channels):
             mine = m.channel == j
             if mine.any():
-                trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
+                trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma[mine][0]), breaks_of(m))
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
                 spec["layout"]["yaxis"]["title"]["text"] = f"cell {trace.cell}: {SURFACE}"
                 samples = _every(file, "surface", cell, m, (trace.time_s, trace.measured))

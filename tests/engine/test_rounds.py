@@ -189,12 +189,15 @@ def test_a_bus_is_silent_when_nothing_came_for_just_so_long(by_timer: bool) -> N
 
 def test_waking_tells_how_long_it_was() -> None:
     made, by_hand, _ = engine(silent_s=2.0)
-    feed(made, said(3))
+    before, after = said(3), said(1, start=95)
+    silence_s = (int(after.time_ns[0]) - int(before.time_ns[-1])) * 1e-9
+    assert 92.0 < silence_s < 93.0
+    feed(made, before)
     made.handle_timer(now_ns=START + 10 * S)
     events(made)
-    (woken,) = [e for e in feed(made, said(1, start=95)) if isinstance(e, Notice)]
+    (woken,) = [e for e in feed(made, after) if isinstance(e, Notice)]
     assert (woken.time_ns, woken.level, woken.code) == (START + 95 * S, Level.INFO, "awake")
-    assert woken.text == "frames again after 90 s: state carried over the gap"
+    assert woken.text == f"frames again after {silence_s:.0f} s: state carried over the gap"
     assert made.next_deadline() == START + 96 * S
     assert by_hand.gaps == [(90.0, False)]
 

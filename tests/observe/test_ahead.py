@@ -91,6 +91,24 @@ def test_a_permitted_current_brings_the_truth_to_the_limit_and_no_further(follow
     assert (Outlook().ahead(standing, coming(1)).permitted(float(made.core[NOW].max()) - 5.0) == 0.0).all()
 
 
+def test_the_cell_that_limits_the_current_is_the_hottest_of_the_truth_or_the_least_known(followed) -> None:
+    made, _, standing = followed
+    ahead = Outlook().ahead(standing, coming(1))
+    limit = float(made.core[NOW].max()) + 12.0
+    current = float(np.sqrt(ahead.permitted(limit, sds=0.0))[-1, 0])
+    start = made.core[NOW], made.surface[NOW]
+    later = Drive.of(truth(CELLS, batch=(1,)), 10, start, SENSORS, current=np.full(600, current))
+    hottest = int((1.5 * later.core[-1] - 0.5 * later.surface[-1]).argmax())
+    assert ahead.limiting(limit, sds=0.0).tolist() == [hottest]
+    # one cell is known to 20 K only: its band is over a limit that all others keep
+    for cell in range(CELLS):
+        w = ahead.certainty.w.copy()
+        w[..., cell] += 20.0**2
+        wide = replace(ahead, certainty=replace(ahead.certainty, w=w))
+        assert (wide.permitted(limit)[-1] == 0.0).all()
+        assert wide.limiting(limit).tolist() == [cell]
+
+
 def test_what_is_unknown_of_inlet_load_and_heat_widens_the_band_as_the_truth_moves(followed) -> None:
     made, _, standing = followed
     square, start = np.array([LOAD**2]), (made.core[NOW], made.surface[NOW])

@@ -376,8 +376,19 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.wait("return document.querySelectorAll('#past polygon').length === 2")
         assert page.run("return document.querySelectorAll('#past polyline[stroke-width=\"2\"]').length") == 2
         page.run("window.fetch = window.ownFetch")
+        rows = "return document.querySelectorAll('#events tbody tr').length"
         page.click("#past-marks li:last-of-type button" if len(listed) < 9 else "#past-marks li:nth-child(8) button")
         page.wait("return Number(document.querySelector('#time').value) < 80")
+        # so does a click anywhere on a row of the table of what happened, and its button by keyboard
+        last = "return [...document.querySelectorAll('#events tbody tr')].at(-1)"
+        for where in ("td:nth-child(6)", ".go"):
+            page.run(seek, "85")
+            page.wait(shown_at)
+            row = page.run(f"{last}.innerText.split('\\t')[0]")
+            page.run(f"{last}.querySelector(arguments[0]).click()", where)
+            page.wait("return document.querySelector('#at').innerText.startsWith(arguments[0])", row.strip())
+            page.wait("return Number(document.querySelector('#time').value) < 80")
+            assert page.run(rows) >= 1  # of the events that had happened by then, this one is the newest
         page.run(seek, "85")
         page.wait(shown_at)
         until = "new URL(document.querySelector('#grafana').href).searchParams.get('to')"
@@ -398,7 +409,6 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         assert int(asked["from"]) * 1_000_000 == pytest.approx(BEGAN_NS, abs=2 * SECOND)
         elsewhere = "performance.getEntriesByType('resource').filter(r => !r.name.startsWith(location.origin)).length"
         assert page.run(f"return {elsewhere}") == 0
-        rows = "return document.querySelectorAll('#events tbody tr').length"
         every = page.run(rows)
         choose = (
             "const s = document.querySelector(arguments[0]);"
@@ -414,7 +424,7 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.click("#events .acknowledge")
         page.wait("return document.querySelector('#events').innerText.includes('looked at it')")
         page.run(choose, "#event-seen", "new")
-        page.wait("return document.querySelectorAll('#events tbody tr button').length === arguments[0]", new - 1)
+        page.wait("return document.querySelectorAll('#events .acknowledge').length === arguments[0]", new - 1)
         assert "looked at it" in page.run("return fetch('/api/happened').then(r => r.text())")
         signals = page.run("return fetch(document.querySelector('#export-signals').href).then(r => r.text())")
         assert signals.startswith("time_s,current_A,coolant_inlet_C,")

@@ -110,6 +110,22 @@ def test_current_and_inlet_are_the_rows_of_the_file_and_a_gap_is_open(tmp_path, 
                 assert opened[0] < t[before] + 60.0, "a current is held for an hour that nobody measured"
 
 
+def test_the_band_of_the_sensor_holds_the_steps_of_its_readings(tmp_path):
+    log = make_log(Scenario(cells=2, sensors=(1, 2), noise=0.05, step=0.1, seconds=1500, seed=5, columns=()))
+    with (tmp_path / "steps.csv").open("w", newline="") as file:
+        write = csv.writer(file)
+        write.writerow(log.table)
+        write.writerows(zip(*log.table.values(), strict=True))
+    seen, model = [], parse_model(log.model)
+    (record,) = read_measurements([tmp_path / "steps.csv"], model=model, reading=Reading(seen=seen.append))
+    figures = pictures.readings([measured(record, model)], Shelf(tmp_path), [(seen[0], float(record.instants[0]))])
+    for k in (1, 2):
+        error = np.std(log.table[f"surface_{k}_C"] - log.surface[:, k - 1])
+        assert error > 1.1 * 0.05
+        lines = [s["y0"] for s in figures[f"surface-0-{k}"]["layout"]["shapes"] if s.get("yref") == "y2"]
+        assert lines == pytest.approx([-2.0 * error, 2.0 * error], rel=0.15)  # without the steps 0.27 less
+
+
 @pytest.mark.slow
 def test_a_thermocouple_in_a_core_is_the_rows_of_the_file_also_after_a_restart_of_the_process(tmp_path):
     log = make_log(Scenario(cells=2, sensors=(1, 2), noise=0.05, seconds=1500, seed=7, columns=()))

@@ -193,15 +193,43 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
         page.run(
             "const p = structuredClone(last), s = p.strings[0]; s.heat = [4, 2.0, 0.59];"
             "s.ahead = {cell: 3, load_A: -40, point: [40, 42, 44], half: [0.5, 1, 2], limit_s: [5, 480],"
-            " discharge: [1, 2, 90], charge: [1, 2, 45]}; show(p);"
+            " discharge: [1, 2, 90], charge: [1, 2, 45], limiting: 2}; show(p);"
         )
         told = page.run(words, 0)
         assert "heat that no current makes: 2.00 ± 0.59 w in cell 4" in told.lower()
         ahead = (
             "forecast at 40 A charging: hottest point in 1, 5, 10 min 40.0 ± 0.5, 42.0 ± 1.0, 44.0 ± 2.0 °C (cell 3); "
-            "cell 5 reaches its limit in 480 s; 90 A discharging or 45 A charging can be held for 10 min"
+            "cell 5 reaches its limit in 480 s; 90 A discharging or 45 A charging can be held for 10 min, "
+            "limited by cell 2"
         )
         assert ahead.lower() in told.lower()
+
+        # where no current is permitted, the cell that forbids it is named, though another one is the hottest
+        page.run(
+            "const p = structuredClone(last), s = p.strings[0]; s.centre[0] = 37; s.centre_half[0] = 8.3;"
+            "s.ahead = {cell: 4, load_A: 37, point: [37.3, 36.9, 36.2], half: [5.6, 5.5, 6.1], limit_s: null,"
+            " discharge: [0, 0, 0], charge: [0, 0, 0], limiting: 1}; show(p);"
+        )
+        assert (
+            "37.3 ± 5.6, 36.9 ± 5.5, 36.2 ± 6.1 °c (cell 4); no current keeps every hottest point, with its band, "
+            "below the limit of 80 °c for 10 min: cell 1, now 37.0 ± 8.3 °c, may be over it without a load"
+        ) in page.run(words, 0).lower()
+
+        # a hottest point that is not known to 12 K (1 sd) has no number with a band, as in the alarms
+        for half, said in (
+            (23.5, "70.6 ± 23.5 °C"),
+            (25.6, "about 71 °C, not known to 12 K"),
+            (48, "not known to 24 K"),
+        ):
+            page.run(
+                "const p = structuredClone(last), s = p.strings[0]; s.hottest = 0; s.core[0] = 65; s.half[0] = 20;"
+                "s.centre[0] = 70.6; s.centre_half[0] = arguments[0]; p.strings = p.strings.map((x, i) => (i ? "
+                "{...x, hottest: null} : x)); show(p);",
+                half,
+            )
+            assert f"hottest point {said}".lower() in page.run(words, 0).lower()
+            assert f"hottest point {said}" in page.run("return document.querySelector('.live-cell').title")
+            assert page.text("#hottest-value") == said
         assert "internal resistance (r_e)" in told.lower()
         assert page.complaints() == []
 

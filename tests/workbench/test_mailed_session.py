@@ -77,6 +77,20 @@ def test_what_a_diagnosis_said_is_there_again(diagnosed, pack, tmp_path):
 
 
 @pytest.mark.slow
+def test_what_a_changed_file_says_of_the_cores_is_not_believed(diagnosed, pack):
+    """Records and model are those of the file, only its words are others."""
+    text, before = diagnosed
+    session = json.loads(text)
+    core = session["diagnosed"][0]["said"]["core"]
+    assert not core["proven"]
+    core |= {"proven": True, "sd_K": 1e-3, "centre_sd_K": 1e-3, "why": [], "sentence": "All is well."}
+    state, written = resumed(json.dumps(session), files(pack))
+    assert state["diagnosed"]["recalled"] is True
+    assert state["diagnosed"]["core"] == before["diagnosed"]["core"]
+    assert "All is well" not in json.dumps([state, written])
+
+
+@pytest.mark.slow
 def test_of_other_measurements_or_another_model_it_is_left_out_and_said(diagnosed, pack, tmp_path):
     text, _ = diagnosed
     state, session = resumed(text, files(pack, pack.clean))
@@ -224,7 +238,9 @@ def test_a_mailed_session_opens_with_its_files_beside_it(window, pack, tmp_path)
         page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
         page.idle(FIT_S)
         verdict, effects = page.text("#panel-diagnose .verdict"), page.text("#panel-diagnose .effects")
+        tag, core = page.text("#panel-diagnose .tag"), page.text("#panel-diagnose .core")
         assert effects
+        assert not page.there("#recalled")
         page.click("#tab-take")
         session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.text())")
     assert str(pack.folder) in session
@@ -247,6 +263,11 @@ def test_a_mailed_session_opens_with_its_files_beside_it(window, pack, tmp_path)
         page.click("#tab-diagnose")
         assert page.text("#panel-diagnose .verdict") == verdict
         assert page.text("#panel-diagnose .effects") == effects
+        # a file can be changed by anybody: what is only read from it says so
+        assert "taken from the session file and was not computed here" in page.text("#recalled")
+        assert page.text("#panel-diagnose .tag") == f"{tag}, by the session file"
+        assert page.text("#panel-diagnose .core") == core
+        page.picture(tmp_path / "recalled.png")
         assert REMAINS in page.text("#doubt")
         assert all("/api/resume" in m for m in page.complaints())  # the two that lacked files
     with served(tmp_path) as url:  # all at once; and another record under the same name

@@ -336,3 +336,23 @@ def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, ax
         page.click("#tracks .away")
         come(lambda: not page.there("#tracks .plot"), "the track to go")
         assert page.complaints() == []
+
+
+@pytest.mark.slow
+def test_that_a_column_waits_is_told_only_while_it_waits(window, pack, tables):
+    with served(pack.folder, *tables, "--model", pack.model) as url:
+        page = window(url)
+        page.wait("return document.querySelector('#step-1')", patience_s=FIT_S)
+        page.idle(FIT_S)
+        page.click("#tab-diagnose")
+        page.click("#diagnose")
+        page.wait("return document.body.dataset.busy === 'diagnose'")
+        page.run(
+            "const s = document.querySelector('#track-choice'); s.value = [...s.options].find(o => o.value).value;"
+            "s.dispatchEvent(new PointerEvent('pointerdown')); s.dispatchEvent(new Event('change'));"
+        )
+        page.wait("return document.querySelector('#error-text').textContent.includes('nothing else to do')")
+        page.idle(FIT_S)
+        page.wait("return document.querySelector('#tracks .plot .main-svg')", patience_s=FIT_S)
+        page.idle(FIT_S)
+        assert page.run("return document.querySelector('#error').hidden")

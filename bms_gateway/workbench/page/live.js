@@ -17,6 +17,12 @@ export let pictures = 0;
 
 const degrees = (x) => (x === null ? "–" : fixed(x, 1));
 const band = (half) => (half === null ? "" : ` ± ${half.toFixed(1)}`);
+// A hottest point as the alarms tell it: a band that reaches below all that is possible says nothing.
+const point = (x, half) => {
+  const { K, unknown_95: wide } = about.available;
+  if (x !== null && half > 2 * wide) return `not known to ${2 * K} K`;
+  return x !== null && half > wide ? `about ${fixed(x, 0)} °C, not known to ${K} K` : `${degrees(x)}${band(half)} °C`;
+};
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 
 const PLAY = { Play: { play: true }, Pause: { play: false }, "Play again": { play: true, seek: 0 } };
@@ -103,7 +109,7 @@ function picture(p) {
     row(rows[i], s, p.state);
     if (s.hottest !== null && (hot === null || s.centre[s.hottest] > hot.centre)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
   });
-  card("hottest", "Hottest point", hot ? `${hot.centre.toFixed(1)} ± ${hot.within.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C${dark ? `; ${many(dark, "cell")} not known` : ""}` : "");
+  card("hottest", "Hottest point", hot ? point(hot.centre, hot.within) : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C${dark ? `; ${many(dark, "cell")} not known` : ""}` : "");
   const b = p.bus;
   card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
@@ -158,11 +164,14 @@ function events(p, again = false) {
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
   const head = el("thead", {}, el("tr", {}, ...["Last", "First", "Times", "Level", "String", "What", "Seen"].map((t) => el("th", { scope: "col" }, t))));
-  $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
-    el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
+  $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level, onclick: (click) => { if (!click.target.closest("button")) go(e); } },
+    el("td", {}, el("button", { type: "button", class: "go", title: "Show this moment", onclick: () => go(e) }, when(p, e.at))), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
     el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text), el("td", {}, seen(e))))
     : [el("tr", {}, el("td", { colspan: 7 }, "Nothing so far."))])));
 }
+
+// To the moment of an event, which is told to a tenth of a second.
+const go = (e) => steer({ seek: e.at + 0.05 });
 
 // Who has looked at it, and when; or the button to say so.
 function seen(e) {
@@ -192,13 +201,13 @@ function row(r, s, state) {
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
+    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   const unknown = s.core.flatMap((x, k) => (x === null ? [k + 1] : [])); // one of them may be hotter
-  put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C${unknown.length ? `; not known: cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)}` : ""}`);
-  const f = s.ahead;
-  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min` : "; no current keeps every core, with its band, below the limit for 10 min"}` : "");
+  put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${point(s.centre[s.hottest], s.centre_half[s.hottest])}${unknown.length ? `; not known: cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)}` : ""}`);
+  const f = s.ahead, tight = f ? f.limiting - 1 : 0;
+  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min, limited by cell ${f.limiting}` : `; no current keeps every hottest point, with its band, below the limit of ${plain(limit)} °C for 10 min: cell ${f.limiting}, now ${point(s.centre[tight], s.centre_half[tight])}, may be over it without a load`}` : "");
   put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const by = new Map();
   s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });

@@ -5,7 +5,7 @@ const AFTER_MS = 80; // of the last move, the values are asked for
 const STEPS = 400; // of a slider
 const GRIP_PX = 7;
 const INK = "#1a1a1a";
-let shown = null; // what the plots show: names, window, unit, steps, query, nodes
+let shown = null; // what the plots show: names, window, unit with how many of it are one of the window's, steps, query, nodes
 let asked = 0;
 
 export const on = () => $("measure").open;
@@ -21,8 +21,9 @@ export const lines = () => (on() && shown && ui.cursors ? ["a", "b"].map((k) => 
 function under(node, e) {
   const axis = node._fullLayout?.xaxis, left = node.getBoundingClientRect().left + (axis?._offset ?? 0);
   if (!on() || !ui.cursors || !axis) return null;
-  const x = e.clientX - left, [k, off] = ["a", "b"].map((c) => [c, Math.abs(axis.d2p(at(c)) - x)]).sort((p, q) => p[1] - q[1])[0];
-  return { k: off <= GRIP_PX && x >= 0 && x <= axis._length ? k : null, time: axis.p2d(x) };
+  const per = Number(node.dataset.per || 1), x = e.clientX - left;
+  const [k, off] = ["a", "b"].map((c) => [c, Math.abs(axis.d2p(at(c) * per) - x)]).sort((p, q) => p[1] - q[1])[0];
+  return { k: off <= GRIP_PX && x >= 0 && x <= axis._length ? k : null, time: axis.p2d(x) / per };
 }
 
 // Lets the lines be dragged in a figure, by mouse and by finger.
@@ -68,7 +69,7 @@ export function follow(next) {
   ask();
 }
 
-const digits = () => Math.max(0, Math.min(6, 3 - Math.floor(Math.log10(shown.window[1] - shown.window[0] || 1))));
+const digits = () => Math.max(0, Math.min(6, 3 - Math.floor(Math.log10((shown.window[1] - shown.window[0]) * shown.per || 1))));
 
 function fields() {
   const [first, last] = shown.window;
@@ -76,10 +77,10 @@ function fields() {
     const slider = $(`cursor-${k}`), text = $(`cursor-${k}-at`);
     Object.assign(slider, { min: first, max: last, step: (last - first) / STEPS });
     slider.value = at(k);
-    slider.setAttribute("aria-valuetext", `${at(k).toFixed(digits())} ${shown.unit}`);
-    if (document.activeElement !== text) text.value = at(k).toFixed(digits());
+    slider.setAttribute("aria-valuetext", `${(at(k) * shown.per).toFixed(digits())} ${shown.unit}`);
+    if (document.activeElement !== text) text.value = (at(k) * shown.per).toFixed(digits());
   }
-  const apart = at("b") - at("a"), s = apart * shown.seconds;
+  const apart = (at("b") - at("a")) * shown.per, s = apart * shown.seconds;
   $("cursor-apart").textContent = `B − A: ${plain(apart)} ${shown.unit}${Math.abs(s) < 600 && shown.unit !== "s" ? ` = ${plain(s)} s` : ""}`;
 }
 
@@ -100,7 +101,7 @@ const heads = () => ["Curve", "at A", "at B", "B − A", `slope per ${shown.unit
 // The values with the window and the cursors that they are of: both may have moved on meanwhile.
 function table(curves, window, places) {
   const rows = curves.filter((c) => !c.step || shown.steps.includes(c.step)).map((c) => {
-    const both = c.a !== null && c.b !== null, apart = places[1] - places[0];
+    const both = c.a !== null && c.b !== null, apart = (places[1] - places[0]) * shown.per;
     const size = Math.floor(Math.log10(Math.max(Math.abs(c.min), Math.abs(c.max)) || 1));
     const fixed = (x) => (x === null ? "–" : size > 5 || size < -3 ? plain(x) : x.toFixed(Math.min(Math.max(4 - size, 0), 6)).replace(/^-(?=.*[1-9])/, "−").replace(/^-/, ""));
     const cells = [c.a, c.b, both ? c.b - c.a : null].map(fixed);
@@ -132,7 +133,7 @@ export function prepare(redraw) {
     $(`cursor-${k}`).addEventListener("input", (e) => move(k, Number(e.target.value)));
     $(`cursor-${k}-at`).addEventListener("change", (e) => {
       const x = Number(e.target.value.trim().replace(",", ".").replace("−", "-"));
-      if (Number.isFinite(x)) move(k, x); else fields();
+      if (Number.isFinite(x)) move(k, x / shown.per); else fields();
     });
   }
   $("cursors-here").addEventListener("click", () => { gather(); fields(); shown.redraw(); ask(); });

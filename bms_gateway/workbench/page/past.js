@@ -31,7 +31,7 @@ export function build(known, name, jump, grafana) {
     el("a", { id: "export-signals", class: "file", download: "" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
-    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
+    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list, or on a row of the table below. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
   queueMicrotask(link);
   addEventListener("resize", () => { if (shown && svg.clientWidth) draw(); });
   return section;

@@ -25,6 +25,15 @@ let over = null; // effect whose curves are shown
 let newest = 0; // drawing of all places
 let range = ui.zoom ?? null; // zoomed time, of the record
 const zoomTo = (next) => { range = next; keep({ zoom: next }); };
+// A stretch has the largest unit that it holds; all of a record has that of its figures, in which windows and cursors are kept.
+const SECONDS = { s: 1, min: 60, h: 3600 }, ROUNDED = 0.999; // of a unit: a minute that was dragged is a minute
+function shownIn(figure) {
+  const own = figure.layout.xaxis.title.text.split(", ").at(-1), span = range ? (range[1] - range[0]) * SECONDS[own] : Infinity;
+  const unit = ["h", "min"].find((u) => span >= ROUNDED * SECONDS[u]) ?? "s", kept = SECONDS[unit] < SECONDS[own] ? unit : own;
+  return { unit: kept, per: SECONDS[own] / SECONDS[kept] };
+}
+const perOf = (node) => Number(node.dataset.per || 1); // of a plot's axis, units that it shows in one that is kept
+const times = (shapes, per) => (per === 1 ? shapes : shapes.map((s) => (s.xref === "x" ? { ...s, x0: s.x0 * per, x1: s.x1 * per } : s)));
 
 // Drawing that a person asked for: the page rests when it is done.
 const drawing = (work) => until(work).catch((e) => complain(e.message));
@@ -198,7 +207,7 @@ async function draw(place) {
   }
   if (place === "core") unknown(layout, 0.9 * (node.clientWidth - layout.margin.l - layout.margin.r));
   if (place === "noise") beyond(layout, figure);
-  const shown = wrapped(data, node, layout);
+  const shown = wrapped(overTime ? timesOf(data, layout, figure, node) : data, node, layout);
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
@@ -230,6 +239,16 @@ async function draw(place) {
     node.on("plotly_relayout", (change) => zoomed(node, change));
     measure.grips(node);
   }
+}
+
+// Curves and layout of a figure, in the unit that its stretch has.
+function timesOf(data, layout, figure, node) {
+  const { unit, per } = shownIn(figure);
+  node.dataset.per = per;
+  if (per === 1) return data;
+  layout.shapes = times(layout.shapes, per);
+  layout.xaxis = { ...layout.xaxis, title: { ...layout.xaxis.title, text: `time, ${unit}` }, range: layout.xaxis.range.map((x) => x * per), exponentformat: "none" };
+  return data.map((t) => (t.x ? { ...t, x: Array.from(t.x, (x) => (x === null ? null : x * per)) } : t));
 }
 
 // The axes of a figure for what all of its steps have in a stretch of time.
@@ -289,7 +308,7 @@ const whole = () => (specs.drive?.figure ?? specs.surface?.figure)?.layout.xaxis
 function cursors() {
   for (const p of timed()) {
     const node = $(`plot-${p}`), own = specs[p]?.figure?.layout.shapes ?? [];
-    if (node?.dataset.linked && !node.parentElement.hidden) Plotly.relayout(node, { shapes: themed([...own, ...measure.lines()]) });
+    if (node?.dataset.linked && !node.parentElement.hidden) Plotly.relayout(node, { shapes: times(themed([...own, ...measure.lines()]), perOf(node)) });
   }
 }
 
@@ -297,21 +316,22 @@ function cursors() {
 function tell() {
   const figure = specs.drive?.figure ?? specs.surface?.figure;
   if (!figure) return;
-  const unit = figure.layout.xaxis.title.text.split(", ").at(-1);
-  measure.follow({ names: timed().filter((p) => p !== "map" && specs[p]?.figure).map((p) => specs[p].name), window: range ?? whole(), whole: whole(), record: ui.record, unit,
-    seconds: { s: 1, min: 60, h: 3600 }[unit], steps: ticked(state.steps).map((s) => s.name), query: tracks.query(), redraw: cursors });
+  const { unit, per } = shownIn(figure);
+  measure.follow({ names: timed().filter((p) => p !== "map" && specs[p]?.figure).map((p) => specs[p].name), window: range ?? whole(), whole: whole(), record: ui.record, unit, per,
+    seconds: SECONDS[unit], steps: ticked(state.steps).map((s) => s.name), query: tracks.query(), redraw: cursors });
 }
 
 // A zoom in one plot moves the others; what these tell of it is not a person's.
 const moving = new Map(); // windows that each plot is on its way to
-async function follow(node, to) {
+async function follow(node, window) {
+  const to = window.map((x) => x * perOf(node));
   moving.set(node, [...(moving.get(node) ?? []), to.join()]);
   try { await Plotly.relayout(node, { "xaxis.range": to }); } finally { moving.get(node).shift(); }
 }
 function zoomed(one, change) {
   const to = change["xaxis.range"] || [change["xaxis.range[0]"], change["xaxis.range[1]"]], back = change["xaxis.autorange"];
   if (!back && (to[0] === undefined || moving.get(one)?.includes(to.join()))) return;
-  zoomTo(back ? null : to.map(Number));
+  zoomTo(back ? null : to.map((x) => Number(x) / perOf(one)));
   drawing(async () => {
     const others = timed().map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
     await Promise.all(others.map((p) => follow(p, range ?? whole())));

@@ -251,7 +251,8 @@ function verdict() {
   if (state.diagnosed_of) box.append(el("p", { class: "muted", id: "found-for" }, `Found for “${state.diagnosed_of}”, before what has been added since:`));
   // judged by the gate of adding for the model that was diagnosed; of a later model it knows nothing
   const free = state.diagnosed_of ? [] : (d.offer ?? []).filter((k) => !inModel(k));
-  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
+  if (d.recalled) box.append(el("p", { class: "alarm", id: "recalled" }, "This diagnosis is taken from the session file and was not computed here: its verdict, its ranking and their words are as the file has them. Diagnose again to check them. The cores are computed here."));
+  box.append(el("p", {}, el("span", { class: `tag ${d.recalled ? "recalled" : d.verdict}` }, d.recalled ? `${d.tag}, by the session file` : d.tag)), el("p", { class: "verdict" }, d.sentence),
     d.not_offered ? el("p", { class: "alarm", id: "not-offered" }, d.not_offered) : "",
     free.length ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(free) }, `Add ${labels(free)}${free.length > 1 ? " at once" : ""}`)) : "",
     ...core(d.core));

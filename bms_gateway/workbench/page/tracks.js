@@ -111,7 +111,7 @@ function choice() {
     if (!select.value) return;
     tried.delete(`${ui.record} ${select.value}`);
     keep({ tracks: [...ui.tracks, { record: ui.record, column: select.value }] });
-    if (state.job) complain("the column is read as soon as the page has nothing else to do");
+    if (state.job) complain("the column is read as soon as the page has nothing else to do", state.job.title);
     again();
   };
 }
