@@ -1,0 +1,70 @@
+"""A file whose numbers are far off makes no core of a later model unknown for good, and no core certain either."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from bms_gateway.diagnosis.adding import UNKNOWN, Wanted, add_effects
+from bms_gateway.diagnosis.core_band import UNPROVEN
+from bms_gateway.diagnosis.diagnosis import diagnose
+from bms_gateway.report.core_text import UNKNOWN_K
+from tests.diagnosis.hidden_record import hidden
+
+OFF = {"R_e": 3.0, "R_u": 4.0}
+"""How far the numbers of the file are from those of the cell, which is as if a fan had not been told."""
+KNOWN = {"C_c": 0.1, "C_s": 0.1, "R_e": 0.4, "R_c": 0.5, "R_u": 0.4}
+
+
+@cache
+def added():
+    """The log, and the addition of what its cell hides."""
+    log, record, model = hidden(
+        "polarization",
+        "strong",
+        cells=1,
+        sensors=(1,),
+        noise=0.05,
+        cycle="mixed",
+        inlet="sine",
+        seconds=2700,
+        seed=6_771_002,
+    )
+    priors = {n: replace(p, value=p.value * OFF.get(n, 1.0), rel_sd=KNOWN[n]) for n, p in model.priors.items()}
+    far = replace(model, priors=priors)
+    d = diagnose(far, [record])
+    assert [s.candidate.key for s in d.selected] == ["polarization"]
+    wants = [Wanted(s.candidate.effect) for s in d.selected]
+    return log, record, add_effects(far, [record], wants, ask=lambda *_, **__: d)
+
+
+def test_the_band_after_an_addition_is_not_that_of_numbers_which_never_fitted():
+    """It stayed ± 80 K after a model that followed surface and core to the noise."""
+    log, _, found = added()
+    before, after = found.core
+    assert before.half_width_K.max() > UNKNOWN_K
+    assert not after.proven
+    assert after.half_width_K.max() < 0.5 * before.half_width_K.max()
+    assert after.half_width_K.max() < UNKNOWN_K
+    (band,) = after.bands
+    truth = np.stack([np.interp(band.time_s, np.arange(len(c)), c) for c in log.core.T], axis=1)
+    assert np.mean(np.abs(band.T_c - truth) <= 1.96 * band.total_K) > 0.95
+    # an addition that nothing proves makes no core more certain than the numbers which come closest without it
+    assert found.model.core_doubt >= UNPROVEN
+    assert after.half_width_K.max() >= before.at_closest.half_width_K.max() * (1.0 - 1e-3)
+
+
+def test_what_else_speaks_against_the_core_keeps_the_band_of_before():
+    *_, found = added()
+    before, after = found.core
+    wide = before.cell_sd_K.max()
+    assert after.widened(after.share_for(before)).cell_sd_K.max() < 0.5 * wide
+    for doubted in (replace(after, lacks=True), replace(after, why=(*after.why, UNKNOWN))):
+        assert doubted.widened(doubted.share_for(before)).cell_sd_K.max() >= wide * (1.0 - 1e-6)
+
+
+def test_numbers_near_those_of_the_file_keep_the_band_of_before():
+    *_, found = added()
+    before, _ = found.core
+    near = replace(before, identified=replace(before.identified, fit=before.identified.closest))
+    assert near.at_closest is near
