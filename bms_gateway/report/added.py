@@ -1,6 +1,7 @@
 """The report of an addition: what `add` prints and the workbench shows."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.calibrate import changes, channel_errors
@@ -64,4 +65,5 @@ def heading(report: AddReport, words: Sequence[str]) -> str:
 
 def _side(records: Sequence[Record], core: KnownCore) -> Side:
     fit = core.identified.fit
-    return Side(errors(fit), channel_errors(fit), core, core_checks(records, fit, core.bands))
+    found = replace(errors(fit), closest_K=errors(core.identified.closest).heldout_rmse_K)
+    return Side(found, channel_errors(fit), core, core_checks(records, fit, core.bands))
