@@ -477,7 +477,8 @@ const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) 
 
 async function report() {
   readyBox.replaceChildren();
-  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", ...(ticked(state.steps)[0] === state.steps[0] ? { filed: 1 } : {}) })}`);
+  const steps = ticked(state.steps).map((s) => state.steps.indexOf(s));
+  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", steps })}`);
   if (!response.ok) throw new Error((await response.json()).error);
   const href = URL.createObjectURL(await response.blob());
   // a browser saves only what a person has just asked for; a report may take longer than it remembers that
