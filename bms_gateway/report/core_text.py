@@ -11,7 +11,7 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
-from bms_gateway.report.words import parameters_labelled
+from bms_gateway.report.words import in_words, parameters_labelled
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
@@ -108,6 +108,12 @@ def numbers_remark(core: KnownCore) -> str:
             "allow for what it lacks, as far as a surface can tell."
         )
     return ""
+
+
+def file_heading(said: str, core: KnownCore) -> str:
+    """Write the heading of a model file: the doubts about its cores, a line each, and what `said` of its making."""
+    why = [] if core.proven else [core_sentence(core), *(in_words(parameters_labelled(w)) for w in core.why)]
+    return "\n".join([*why, said])
 
 
 def core_text(core: KnownCore) -> str:

@@ -205,7 +205,8 @@ class Desk:
         """Return the newest model file, with the doubts about it at its head."""
         with self.changed:
             text = self._top.text
-            return "".join(f"# {line}\n" for line in doubt_lines(self._frames)) + text
+            said = (f"# {line}\n" for line in doubt_lines(self._frames))
+            return "".join(line for line in said if line not in text) + text
 
     def track(self, record: int, column: str) -> None:
         """Read one more column of a record's table, to be drawn as a separate track."""

@@ -173,11 +173,11 @@ def remains(frames: list[Frame]) -> str:
 
 
 def doubt_lines(frames: list[Frame]) -> list[str]:
-    """Return the doubts about the newest model, for the head of its file."""
+    """Return the doubts about the newest model, for the head of its file; an addition has written those of its own."""
     core = _core(frames[-1])
     said = [core["sentence"], *core["why"]] if core and not core["proven"] else []
     left = remains(frames)
-    return [*said, left] if left else said
+    return [*said, left] if left and UNKNOWN not in said else said
 
 
 def joined(
