@@ -177,6 +177,7 @@ export function show(next) {
     $("columns").value = columns.table() ? "" : state.files.columns.join(",");
     $("more").open = Boolean(named.config || named.dbc.length || $("columns").value || state.files.recent?.store);
   }
+  if ((state.opened || state.looked) && $("start").contains(document.activeElement)) $("tab-open").focus({ preventScroll: true }); // it goes away
   $("start").hidden = Boolean(state.opened || state.looked);
   const added = state.steps.filter((s) => s.words.length);
   $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${added.map((s) => ` ${s.name}`).join("")}` : "";
