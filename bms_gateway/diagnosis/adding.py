@@ -103,7 +103,8 @@ class Addition(Step):
         The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
         Before and after: numbers and errors of both models, and their cores. A band that is not proven is never
-        narrower than the band before, unless every reason against the core is measured (`exchange`).
+        narrower than the band before, unless every reason against the core is measured (`exchange`); which band is that
+        before, see `KnownCore.share_for`.
     """
 
     model: StringModel

@@ -136,6 +136,15 @@ class KnownCore:
         return not self.lacks and bool(self.why) and set(self.why) <= speak
 
     @property
+    def carried(self) -> str:
+        """Symbol of the number that is farthest from what was known, if the band is that of an earlier model.
+
+        More than the whole difference of core and surface is then called open, which no fit gives. Otherwise empty.
+        """
+        wide = max(b.share for b in self.bands) > 1.0
+        return farthest(self.identified.fit) if wide and self.why and self.exchanged is None else ""
+
+    @property
     def at_closest(self) -> "KnownCore":
         """The cores by the numbers that come closest to the surfaces, where those that are stated are far from them.
 
@@ -323,6 +332,16 @@ def numbers_far(fit: MapFit) -> list[str]:
         elif abs(off) > FAR:
             said.append(f"{c.name} ends {abs(off):.1f} sd from what was known of it.")
     return said + [odd.says for odd in odd_fitted(fit)]
+
+
+def farthest(fit: MapFit) -> str:
+    """Name the parameter of the cells that a fit moved farthest from what was known of it, in sd; empty without one."""
+    off = {
+        c.name.partition("@")[0]: abs(z - c.prior) / c.sd
+        for c, z in zip(fit.problem.coordinates, fit.theta.tolist(), strict=True)
+        if c.effect is None and not c.only_start
+    }
+    return max(off, key=lambda name: off[name], default="")
 
 
 def _vanished(c: Coordinate, z: float) -> bool:

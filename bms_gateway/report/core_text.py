@@ -29,6 +29,11 @@ EXCHANGED = (
     "casings and from cores that the readings and the capacities allow."
 )
 """Remark on a band that is measured although the core is not proven; it may be narrower than before."""
+CARRIED = (
+    "The band is as wide as before what was added. Farthest from what was known is now {}: correct it in the file and "
+    "begin again, or calibrate with a thermocouple in a core."
+)
+"""Remark on a core that stays unknown because its band is carried over (`KnownCore.carried`)."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 
@@ -69,6 +74,7 @@ def core_sentence(core: KnownCore) -> str:
     else:
         told = f"{NOT_PROVEN.capitalize()}: {which} may be ± {half_width(half[k])} K off (95 %), or more."
         told += "" if core.exchanged is None else f" {EXCHANGED}"
+        told += f" {CARRIED.format(parameters_labelled(core.carried))}" if core.carried and half[k] > UNKNOWN_K else ""
     return f"{told} {rests_on(core.unseen, core.unlike)}".rstrip()
 
 

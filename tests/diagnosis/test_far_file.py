@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.report.add_text import headline
 from bms_gateway.report.added import added_report
-from bms_gateway.report.core_text import UNKNOWN_K
+from bms_gateway.report.core_text import UNKNOWN_K, core_sentence
 from bms_gateway.report.show import kelvins
 from tests.diagnosis.hidden_record import hidden
 
@@ -65,7 +65,13 @@ def test_what_else_speaks_against_the_core_keeps_the_band_of_before():
     wide = before.cell_sd_K.max()
     assert after.widened(after.share_for(before)).cell_sd_K.max() < 0.5 * wide
     for doubted in (replace(after, lacks=True), replace(after, why=(*after.why, UNKNOWN))):
-        assert doubted.widened(doubted.share_for(before)).cell_sd_K.max() >= wide * (1.0 - 1e-6)
+        carried = doubted.widened(doubted.share_for(before))
+        assert carried.cell_sd_K.max() >= wide * (1.0 - 1e-6)
+        # and it is said why the band is that wide, and what to do
+        said = core_sentence(carried)
+        assert "correct it in the file and begin again, or calibrate" in said
+        assert "Farthest from what was known is now thermal resistance surface to coolant (R_u)" in said
+    assert "calibrate" not in core_sentence(after)
 
 
 def test_numbers_near_those_of_the_file_keep_the_band_of_before():
