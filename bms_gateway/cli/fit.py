@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
     from bms_gateway.config.model_file import write_model
     from bms_gateway.library.modelling import fit
-    from bms_gateway.report.core_text import NOT_PROVEN
+    from bms_gateway.report.core_text import file_heading
     from bms_gateway.report.fit_text import fit_document, fit_text
     from bms_gateway.report.progress import progress
 
@@ -60,10 +60,7 @@ def run(args: argparse.Namespace) -> int:
         found = fit(model, records, calibrate=args.calibrate)
     report = replace(found.report, out=args.out)
     how = "calibrated with the core on" if args.calibrate else "fitted to"
-    heading = f"{how} {', '.join(report.sources)}"
-    write_model(
-        found.model, Path(args.out), heading if report.core.proven else f"{heading}\n{NOT_PROVEN}: see [posterior]"
-    )
+    write_model(found.model, Path(args.out), file_heading(f"{how} {', '.join(report.sources)}", report.core))
     if args.json:
         write_json(args.json, fit_document(report))
     say(fit_text(report), args.json)

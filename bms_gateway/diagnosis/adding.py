@@ -103,7 +103,8 @@ class Addition(Step):
         The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
         Before and after: numbers and errors of both models, and their cores. A band that is not proven is never
-        narrower than the band before, unless every reason against the core is measured (`exchange`).
+        narrower than the band before, unless every reason against the core is measured (`exchange`); which band is that
+        before, see `KnownCore.share_for`.
     """
 
     model: StringModel
@@ -382,11 +383,11 @@ def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after:
 
 
 def unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
-    """Say which number of an added effect is not plausible."""
+    """Say which number of an added effect is not plausible; `fit` is the closest one, whose numbers are not stated."""
     sd = np.sqrt(np.diag(posterior(fit)))
     for c in added:
         if said := at_bound(fit, c) or below_least(fit, c):
-            return f"{said}: not believed"
+            return f"closely fitted, {said}: not believed"
         told, off = [], False
         for p in c.effect.parameters:
             name = f"{c.key}.{p.name}"

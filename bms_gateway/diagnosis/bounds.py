@@ -10,6 +10,9 @@ from bms_gateway.thermal.effects import EffectParameter, effect_named
 CERTAIN = 2.0
 """Standard deviations by which a number must lie below its least value to exclude the effect."""
 
+NEAR_ZERO = 1e-3
+"""Number in its own unit (s, mΩ, W/K …) below which no reading shows its size."""
+
 
 def at_bound(fit: MapFit, c: Candidate) -> str:
     """Say which number of an effect ends at a bound at which it does not vanish; empty if none does."""
@@ -43,4 +46,8 @@ def below_least(fit: MapFit, only: Candidate | None = None) -> str:
 
 
 def _shown(p: EffectParameter, value: float, digits: int) -> str:
-    return f"{value / p.to_si:.{digits}g}".replace("-", "−") + ("" if p.unit == "1" else f" {p.unit}")
+    """Write a number without a power of ten; a bound near zero stands for zero, so its digits mean nothing."""
+    shown = value / p.to_si
+    near = 0.0 < shown < NEAR_ZERO
+    text = f"less than {NEAR_ZERO:g}" if near else np.format_float_positional(float(f"{shown:.{digits}g}"), trim="-")
+    return text.replace("-", "−") + ("" if p.unit == "1" else f" {p.unit}")

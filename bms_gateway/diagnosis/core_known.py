@@ -39,6 +39,8 @@ from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import unexplained
 from bms_gateway.diagnosis.search import search
+from bms_gateway.diagnosis.verdict_parts import errors
+from bms_gateway.diagnosis.verdict_words import BY_NUMBERS
 from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
@@ -127,9 +129,42 @@ class KnownCore:
         bands = tuple(replace(b, share=max(b.share, share)) for b in self.bands)
         return replace(self, bands=bands)
 
+    @property
+    def for_its_numbers(self) -> bool:
+        """Whether all that speaks against the core is how far numbers of a model that lacks nothing are from known."""
+        speak = {*numbers_far(self.identified.fit), *coolant_doubts(self.identified.closest)}
+        return not self.lacks and bool(self.why) and set(self.why) <= speak
+
+    @property
+    def carried(self) -> str:
+        """Symbol of the number that is farthest from what was known, if the band is that of an earlier model.
+
+        More than the whole difference of core and surface is then called open, which no fit gives. Otherwise empty.
+        """
+        wide = max(b.share for b in self.bands) > 1.0
+        return farthest(self.identified.fit) if wide and self.why and self.exchanged is None else ""
+
+    @property
+    def at_closest(self) -> "KnownCore":
+        """The cores by the numbers that come closest to the surfaces, where those that are stated are far from them.
+
+        What other numbers of the same model remove is an error of numbers and not of the model. The share that may be
+        wrong is kept.
+        """
+        near = errors(self.identified.closest).train_rmse_K < BY_NUMBERS * errors(self.identified.fit).train_rmse_K
+        if not near:
+            return self
+        share = max(UNPROVEN, *(b.share for b in self.bands))
+        return replace(self, bands=bands_of(replace(self.identified, fit=self.identified.closest), share))
+
     def share_for(self, before: "KnownCore") -> float:
-        """Find the least share, to four digits, with which no cell's band is narrower than that of another model."""
-        wanted = before.cell_sd_K**2
+        """Find the least share, to four digits, with which no cell's band is narrower than that of another model.
+
+        A model that lacks nothing, as far as the readings tell, has found numbers of its own. An error which the other
+        model owes to its numbers says nothing about its core then (`at_closest`).
+        """
+        limits = [before, *([before.at_closest] if self.for_its_numbers else [])]
+        wanted = np.min([x.cell_sd_K for x in limits], axis=0) ** 2
         rest = typical_K([np.hypot(b.sd_K, b.remainder_K) for b in self.bands]) ** 2
         lever = typical_K([b.lever_K for b in self.bands]) ** 2
         share = float(np.sqrt(np.max(np.maximum(wanted - rest, 0.0) / np.maximum(lever, 1e-12))))
@@ -297,6 +332,16 @@ def numbers_far(fit: MapFit) -> list[str]:
         elif abs(off) > FAR:
             said.append(f"{c.name} ends {abs(off):.1f} sd from what was known of it.")
     return said + [odd.says for odd in odd_fitted(fit)]
+
+
+def farthest(fit: MapFit) -> str:
+    """Name the parameter of the cells that a fit moved farthest from what was known of it, in sd; empty without one."""
+    off = {
+        c.name.partition("@")[0]: abs(z - c.prior) / c.sd
+        for c, z in zip(fit.problem.coordinates, fit.theta.tolist(), strict=True)
+        if c.effect is None and not c.only_start
+    }
+    return max(off, key=lambda name: off[name], default="")
 
 
 def _vanished(c: Coordinate, z: float) -> bool:

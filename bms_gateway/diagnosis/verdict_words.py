@@ -1,6 +1,6 @@
 """The sentences of a verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.error_words import course, falls, only_fitted
@@ -58,8 +58,7 @@ def missing(
         lead = "Something is missing, and these readings do not decide what. The likeliest"
     noise = f"(noise {base.noise_floor_K:.2g} K)"
     text = f"{lead}: {names}. With {them} the error on held-out blocks {course(*held)} {noise}."
-    if _by_numbers(base):
-        text += f" Without {them}, other numbers of the same model leave {base.closest_K:.2g} K."
+    text += by_numbers(base, len(selected))
     if not falls(*held) and known_K is not None and falls(*known_K):
         text += (
             " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
@@ -73,6 +72,13 @@ def missing(
         if s.tied_with:
             text += f" These readings cannot tell {s.candidate.key} from {', '.join(alternatives(s.tied_with))}."
     return text + (" Something unknown remains." if remains else "")
+
+
+def by_numbers(base: Errors, effects: int, show: Callable[[float], str] = "{:.2g}".format) -> str:
+    """Say what other numbers of a model do without so many effects; empty if they do little. `show` writes a number."""
+    them = "it" if effects == 1 else "them"
+    said = f" Without {them}, other numbers of the same model leave {show(base.closest_K)} K."
+    return said if _by_numbers(base) else ""
 
 
 def _by_numbers(base: Errors) -> bool:

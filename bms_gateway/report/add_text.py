@@ -14,10 +14,11 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import Errors
+from bms_gateway.diagnosis.verdict_words import by_numbers
 from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import errors_document, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
-from bms_gateway.report.show import number, text_table
+from bms_gateway.report.show import kelvins, number, text_table
 from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.report.words import labelled, named_all
 
@@ -165,14 +166,16 @@ def add_text(r: AddReport) -> str:
 
 
 def headline(r: AddReport) -> str:
-    """Say in a sentence what the addition does to the error."""
+    """Say what the addition does to the error, and what other numbers of the model before it do alone."""
     where = "held-out error"
     before, after = r.held_K
     if np.isnan(after):  # nothing was held out
         where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
+    names = named_all(c.key for c in r.added)
     return (
-        f"With {r.names} the {where} {course(before, after, lambda x: number(x, 3))}; "
-        f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
+        f"With {names} the {where} {course(before, after, kelvins)}; "
+        f"noise alone leaves {kelvins(r.before.errors.noise_floor_K)} K."
+        f"{by_numbers(r.before.errors, len(r.added), kelvins)}"
     )
 
 
@@ -193,7 +196,7 @@ def _errors(r: AddReport, several: bool) -> str:
 
 
 def _numbers(*values: float) -> Sequence[str]:
-    return [number(x, 3) for x in values]
+    return [kelvins(x) for x in values]
 
 
 def _cores(r: AddReport) -> str:

@@ -1,6 +1,7 @@
 """The report of an addition: what `add` prints and the workbench shows."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.calibrate import changes, channel_errors
@@ -10,7 +11,7 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.report.add_text import AddReport, Side
-from bms_gateway.report.core_text import NOT_PROVEN
+from bms_gateway.report.core_text import file_heading
 from bms_gateway.report.words import in_words
 
 
@@ -57,11 +58,10 @@ def added_report(
 def heading(report: AddReport, words: Sequence[str]) -> str:
     """Write the heading of the model file: what was added, fitted to which data, and whether by force."""
     text = f"{' '.join(words)} added, fitted to {', '.join(report.sources)}"
-    if report.forced:
-        text = f"{text}\nadded by force, though: {in_words(report.refused)}"
-    return text if report.after.core.proven else f"{text}\n{NOT_PROVEN}: see [posterior]"
+    return file_heading("\n".join([text, *(in_words(t) for t in report.though)]), report.after.core)
 
 
 def _side(records: Sequence[Record], core: KnownCore) -> Side:
     fit = core.identified.fit
-    return Side(errors(fit), channel_errors(fit), core, core_checks(records, fit, core.bands))
+    found = replace(errors(fit), closest_K=errors(core.identified.closest).heldout_rmse_K)
+    return Side(found, channel_errors(fit), core, core_checks(records, fit, core.bands))

@@ -15,7 +15,7 @@ from bms_gateway.diagnosis.regimes import Regime
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import LEFT, closer_numbers, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document
-from bms_gateway.report.show import number, text_table
+from bms_gateway.report.show import kelvins, number, text_table
 from bms_gateway.report.step_names import FILED, REFITTED, titled
 
 STEPS: Mapping[str, str] = {"filed": FILED, "refitted": REFITTED}
@@ -165,23 +165,23 @@ def _sensors(v: Variant) -> str:
     rows = [
         [
             f"cell {s.cell}",
-            number(s.trained.rmse_K, 3),
-            number(s.held.rmse_K, 3),
-            number(s.trained.floor_K, 3),
-            number(s.structured_K, 3),
+            kelvins(s.trained.rmse_K),
+            kelvins(s.held.rmse_K),
+            kelvins(s.trained.floor_K),
+            kelvins(s.structured_K),
             number(s.z, 1),
             f"{s.worst.error_K:+.2f} at {s.worst.time_s / 60:.0f} min",
         ]
         for s in v.sensors
     ]
     if len(v.sensors) > 1:
-        rows.append(["all", *(number(x.rmse_K, 3) for x in (v.trained, v.held)), _floor(v.trained), "", "", ""])
+        rows.append(["all", *(kelvins(x.rmse_K) for x in (v.trained, v.held)), _floor(v.trained), "", "", ""])
     headers = ["surface", "fitted K", "held-out K", "noise K", "structured K", "z", "worst K"]
     return text_table(headers, rows)
 
 
 def _floor(level: Level) -> str:
-    return number(level.floor_K, 3)
+    return kelvins(level.floor_K)
 
 
 def _cores(bands: Sequence[CoreBand], several: bool) -> str:

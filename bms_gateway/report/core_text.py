@@ -11,7 +11,7 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
-from bms_gateway.report.words import parameters_labelled
+from bms_gateway.report.words import in_words, parameters_labelled
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
@@ -29,6 +29,11 @@ EXCHANGED = (
     "casings and from cores that the readings and the capacities allow."
 )
 """Remark on a band that is measured although the core is not proven; it may be narrower than before."""
+CARRIED = (
+    "The band is as wide as before what was added. Farthest from what was known is now {}: correct it in the file and "
+    "begin again, or calibrate with a thermocouple in a core."
+)
+"""Remark on a core that stays unknown because its band is carried over (`KnownCore.carried`)."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 
@@ -69,6 +74,7 @@ def core_sentence(core: KnownCore) -> str:
     else:
         told = f"{NOT_PROVEN.capitalize()}: {which} may be ± {half_width(half[k])} K off (95 %), or more."
         told += "" if core.exchanged is None else f" {EXCHANGED}"
+        told += f" {CARRIED.format(parameters_labelled(core.carried))}" if core.carried and half[k] > UNKNOWN_K else ""
     return f"{told} {rests_on(core.unseen, core.unlike)}".rstrip()
 
 
@@ -108,6 +114,12 @@ def numbers_remark(core: KnownCore) -> str:
             "allow for what it lacks, as far as a surface can tell."
         )
     return ""
+
+
+def file_heading(said: str, core: KnownCore) -> str:
+    """Write the heading of a model file: the doubts about its cores, a line each, and what `said` of its making."""
+    why = [] if core.proven else [core_sentence(core), *(in_words(parameters_labelled(w)) for w in core.why)]
+    return "\n".join([*why, said])
 
 
 def core_text(core: KnownCore) -> str:

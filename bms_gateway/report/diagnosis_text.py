@@ -20,7 +20,7 @@ from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.verdict_parts import Errors, Number, Selected, errors
 from bms_gateway.diagnosis.verdict_words import alternatives
 from bms_gateway.report.core_text import core_document, core_text
-from bms_gateway.report.show import number, text_table
+from bms_gateway.report.show import kelvins, number, text_table
 from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.report.words import labelled, named, named_all, parameter_named
 
@@ -400,8 +400,8 @@ def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
             labelled(r.refused),
             number(r.evidence, 1 if abs(r.evidence) < 1000.0 else 0),
             number(100.0 * r.share, 0) + (" %" if math.isfinite(r.share) else ""),
-            number(r.error_K, 3),
-            *([number(r.without_K, 3) if r.role == "named" else ""] if told else []),
+            kelvins(r.error_K),
+            *([kelvins(r.without_K) if r.role == "named" else ""] if told else []),
         ]
         for r in ranked[:SHOWN]
     ]
@@ -430,7 +430,7 @@ def _errors(d: Diagnosis) -> str:
     rows = [_error_row(REFITTED, d.baseline)]
     if d.selected:
         rows.append(_error_row(with_added(named_all(s.candidate.key for s in d.selected)), d.after))
-    rows.append(["noise alone", *[number(d.baseline.noise_floor_K, 3)] * 2, "0", ""])
+    rows.append(["noise alone", *[kelvins(d.baseline.noise_floor_K)] * 2, "0", ""])
     return text_table(["error", "fitted K", "held-out K", "structured (noise = 1)", "z"], rows)
 
 
@@ -456,8 +456,8 @@ def closer_numbers(found: Identified) -> str:
 def _error_row(name: str, e: Errors) -> list[str]:
     return [
         name,
-        number(e.train_rmse_K, 3),
-        number(e.heldout_rmse_K, 3),
+        kelvins(e.train_rmse_K),
+        kelvins(e.heldout_rmse_K),
         number(e.structure.size),
         number(e.structure.z, 1),
     ]

@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.verdict_parts import Errors
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.report.core_text import core_document, core_text, numbers_remark
 from bms_gateway.report.diagnosis_text import WITH_SD, closer_numbers, finite, told_aside, warned, with_sd
-from bms_gateway.report.show import number, text_table
+from bms_gateway.report.show import kelvins, text_table
 
 HOLDS = 1.2
 """Greatest error over noise for which a model explains the readings, as in the diagnosis."""
@@ -161,9 +161,9 @@ def _errors(channels: Sequence[ChannelError], several: bool) -> str:
         [
             *([c.source] if several else []),
             f"{c.kind} {c.cell}",
-            number(c.trained_K, 3),
-            number(c.held_K, 3),
-            number(c.floor_K, 3),
+            kelvins(c.trained_K),
+            kelvins(c.held_K),
+            kelvins(c.floor_K),
         ]
         for c in channels
     ]

@@ -95,25 +95,25 @@ class Aside:
         ]
 
 
-def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
-    """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
+def write_comparison(path: Path, comparison: Comparison, aside: Aside, road: "Road | None" = None) -> None:
+    """Write a comparison as a page: the model from its file, and refitted; `road`: as the last of these steps instead.
+
+    Raises what `write_page` raises.
+    """
     filed, now = comparison.filed, comparison.refitted
-    models = [Shown.of(FILED, filed, comparison.core.proven), Shown.of(REFITTED, now, comparison.core.proven)]
-    head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
+    way = road or Road(REFITTED, [Shown.of(FILED, filed, comparison.core.proven)])
+    models = [*way.earlier, Shown.of(way.step, now, comparison.core.proven)]
+    first = [(FILED, filed)] if road is None else []
+    head = f'<p class="verdict">{escape((now if road else filed).findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
-    said = [
-        f"<h3>{escape(titled(FILED))}</h3>",
-        items(filed.findings),
-        f"<h3>{escape(titled(REFITTED))}</h3>",
-        items(now.findings),
-        closest_html(comparison),
-    ]
+    said = [f"<h3>{escape(titled(name))}</h3>{items(v.findings)}" for name, v in (*first, (way.step, now))]
+    said.append(closest_html(comparison))
     sections = [
         section("where", "Where, when and in which regime it fails", *said),
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
-        section("parameters", f"Parameters, {REFITTED}", numbers_html(now.fit, comparison.core)),
+        section("parameters", f"Parameters, {way.step}", numbers_html(now.fit, comparison.core)),
         section("correlations", "Correlation of the parameters", correlation_table(now.fit)),
         *aside.sections,
     ]
@@ -150,10 +150,21 @@ class Details:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """The way to an addition: the name of the model before it, and still earlier ones that are shown too."""
+    """The way to a model of the last steps.
+
+    Attributes
+    ----------
+    step : str
+        Name of the model before an addition, or of the model that is compared.
+    earlier : sequence of Shown
+        Still earlier models that are shown too.
+    added : sequence of (name of the step, effects)
+        What was added in earlier steps.
+    """
 
     step: str = REFITTED
     earlier: Sequence[Shown] = ()
+    added: Sequence[tuple[str, Sequence[Candidate]]] = ()
 
 
 def write_diagnosis(
@@ -265,7 +276,11 @@ def write_addition(
     against = [in_words(f"Not added: {report.refused}.")] if report.refused and not report.forced else []
     against += [in_words(text) for text in report.though]
     sections = [
-        section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
+        section(
+            "missing",
+            "What was added" if report.written else "What was tried",
+            *(_step_effects(*x) for x in (*way.added, (names[1], addition.added))),
+        ),
         *evidence(models, report.after.checks),
         section("errors", "Errors before and after", errors_table(models)),
         section("parameters", f"Parameters, {models[-1].name}", numbers_html(models[-1].fit, report.after.core)),
@@ -326,6 +341,15 @@ def _numbers(told: Told, known: Sequence[KnownCore], fit: MapFit) -> str:
     ):  # the cores with what is named are not known
         core = replace(core, identified=d.identified[-1], lacks=d.unknown_remains)
     return numbers_html(fit, core)
+
+
+def _step_effects(step: str, added: Sequence[Candidate]) -> str:
+    """Return the name of a step, and the equation and visible signs of each effect that came with it."""
+    parts = [f"<h3>{escape(step)}</h3>"]
+    for c in added:
+        parts += [f"<p>{escape(named(c.key))}</p>"] if len(added) > 1 else []
+        parts += [f"<pre>{escape(c.effect.equation)}</pre>", paragraph(f"How it shows: {c.effect.signature}.")]
+    return "\n".join(parts)
 
 
 def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
 from bms_gateway.report.html_tables import astray, at_limits, cores_table, free, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
-from bms_gateway.report.show import number
+from bms_gateway.report.show import kelvins
 
 MANY = 6
 """Greatest number of overlays on a page for which they are drawn large."""
@@ -50,10 +50,10 @@ def summary(models: Sequence[Shown]) -> str:
     levels = [m.levels for m in models]
     fitted, held = levels[-1]
     line = f"noise alone {amount(fitted.floor_K)} K; {amount(fitted.ratio, 2)} × the noise"
-    found = [Card("Error where fitted", _arrow([number(x.rmse_K, 3) for x, _ in levels]), line)]
+    found = [Card("Error where fitted", _arrow([kelvins(x.rmse_K) for x, _ in levels]), line)]
     if held.readings:
         line = f"noise alone {amount(held.floor_K)} K; {amount(held.ratio, 2)} × the noise"
-        found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
+        found.append(Card("Error on held-out blocks", _arrow([kelvins(x.rmse_K) for _, x in levels]), line))
     half = [m.worst_core for m in models]
     line = f"cell {half[-1][1]}, known least"
     line += ", without a thermocouple" if half[-1][1] in unseen(last_fit) else ""

@@ -23,6 +23,7 @@
     return of.steps.map((step) => (step === null ? null : (sum += step) / 10 ** of.digits));
   };
   const PAPER = 690; // px between the margins of an A4 or Letter page, upright
+  const LOW = 262; // px: the height of a figure of which three fit on a page; in a lower one the names of two axes would meet
   // these buttons and no others: one of plotly's own would send the data to its maker's server
   const buttons = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]];
   const NARROW = 600; // px, below which the buttons would lie on the legend
@@ -67,8 +68,13 @@
       Promise.all(others.map((p) => Plotly.relayout(p, to))).then(() => { moving = false; });
     });
   }
-  const fit = (width) => plots.forEach((p) => Plotly.relayout(p, width ? { width: width } : { width: null, autosize: true }));
-  window.addEventListener("beforeprint", () => fit(PAPER));
-  window.addEventListener("afterprint", () => fit(0));
+  const heights = new Map(plots.map((p) => [p, p.layout.height]));
+  const fit = (paper) => plots.forEach((p) => {
+    const height = paper ? Math.min(heights.get(p), LOW) : heights.get(p);
+    p.style.height = `${height}px`;
+    Plotly.relayout(p, paper ? { width: PAPER, height } : { width: null, height, autosize: true });
+  });
+  window.addEventListener("beforeprint", () => fit(true));
+  window.addEventListener("afterprint", () => fit(false));
   document.documentElement.dataset.drawn = String(plots.length);
 })();

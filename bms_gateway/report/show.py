@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
 from bms_gateway.frames.quality import Quality
@@ -22,6 +23,20 @@ def number(x: float | None, digits: int = 2) -> str:
     """
     # a number that is rounded to zero has no sign
     return "–" if x is None or x != x else f"{round(x, digits) + 0.0:.{digits}f}"
+
+
+def kelvins(x: float | None) -> str:
+    """Write an error in K for people, with three significant digits and three decimals at most; `–` if there is none.
+
+    Examples
+    --------
+    >>> kelvins(35.728), kelvins(1.6689), kelvins(0.0502), kelvins(9.998), kelvins(float("nan"))
+    ('35.7', '1.67', '0.050', '10.0', '–')
+    """
+    if x is None or not isfinite(x):
+        return "–"
+    size = floor(log10(abs(float(f"{x:.2e}")))) if x else 0
+    return number(x, min(max(2 - size, 0), 3))
 
 
 def ranges(numbers: Sequence[int]) -> str:

@@ -26,7 +26,7 @@ _AFTER: Final = r"(?![\w/\-]|:\S|\.\w)"
 def _names() -> tuple[re.Pattern[str], re.Pattern[str], dict[str, str]]:
     titles = {name: e.title for name, e in catalogue().items()}
     by_length = sorted(titles, key=len, reverse=True)
-    keys = "|".join(n for n in by_length if "_" in n)  # others are words of their own
+    keys = "|".join(n for n in by_length if n not in titles[n].split())  # others are words of their own
     both = "|".join(rf"{n}(?::\d+)?{_PLACE}: {re.escape(titles[n])}" for n in by_length)
     alone = rf"{_BEFORE}(?P<name>{keys})(?::(?P<cell>\d+))?{_PLACE}{_AFTER}"
     return re.compile(f"{_BEFORE}({both})"), re.compile(alone), titles
@@ -69,6 +69,8 @@ def labelled(text: str) -> str:
     'To tell it from end plates cool or warm the end cells (end_plate): cool it down.'
     >>> labelled("Missing: entropic_heat: reversible (entropic) heat. See /tmp/end_plate.csv")
     'Missing: reversible (entropic) heat (entropic_heat). See /tmp/end_plate.csv'
+    >>> labelled("They ask for polarization, not for hysteresis.")
+    'They ask for slow polarisation (one RC pair) (polarization), not for hysteresis.'
     >>> labelled("coolant_delay looks like phase_change (cell 2).")
     'coolant arrives late (coolant_delay) looks like latent heat at the surface (phase_change, cell 2).'
     >>> labelled("phase_change (cells 2 to 7, 9) looks the same.")

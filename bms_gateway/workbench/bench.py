@@ -16,6 +16,7 @@ import numpy as np
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model
 from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
+from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.compare import Comparison, compare
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.prepare import measured
@@ -42,6 +43,7 @@ from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.table import parse_columns
 from bms_gateway.report.words import named_all
 from bms_gateway.thermal import StringModel
+from bms_gateway.thermal.effects import effect_named
 from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
 from bms_gateway.workbench.looking import looked
@@ -225,8 +227,9 @@ class Bench:
             self._made.popitem(last=False)
         return made
 
-    def _comparison(self, text: str) -> Comparison:
-        made, model = self._of(text), parse_model(text)
+    def _comparison(self, text: str, *, kept: bool = True) -> Comparison:
+        """Compare a model; `kept`: as the newest of those whose results are kept."""
+        made, model = self._of(text) if kept else self._made.get(text, _Made()), parse_model(text)
         if made.comparison is None:
             findings, _ = findings_and_notes(model, self._records)
             long_enough(findings)
@@ -293,17 +296,20 @@ class Bench:
         told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
         return next((t.diagnosis for t in told if t.diagnosis), None)
 
-    def _earlier(self, request: Mapping[str, Any], fit: MapFit) -> list[Shown]:
-        """Return the model from its file for a report, if its step is ticked and it has the same readings."""
-        if not request.get("filed"):
-            return []
-        c = self._comparison(str(request["filed"]))
-        same = len(c.filed.fit.y) == len(fit.y)  # a diagnosis leaves out records of which nothing can be learnt
-        return [Shown.of(FILED, c.filed, c.core.proven)] if same else []
+    def _earlier(self, steps: Sequence[Mapping[str, Any]], fit: MapFit) -> list[Shown]:
+        """Return the models of steps that are ticked, for a report, if they have the same readings."""
+        found = []
+        for s in (s for s in steps if s["ticked"]):
+            c = self._comparison(str(s["text"]), kept=False)
+            v = c.filed if s["name"] == FILED else c.refitted
+            if len(v.fit.y) == len(fit.y):  # a diagnosis leaves out records of which nothing can be learnt
+                found.append(Shown.of(str(s["name"]), v, c.core.proven))
+        return found
 
     def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
-        text, kind, command, remains, step = (str(request[k]) for k in ("text", "kind", "command", "remains", "step"))
+        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
+        steps = list(request["steps"])
         command = _named(command, folder)
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
@@ -315,19 +321,32 @@ class Bench:
             details = details_of(made.told, parse_model(text), self._records, lambda: comparison)
             d = made.told.diagnosis
             own = replace(
-                details or Details(), earlier=self._earlier(request, d.fits[0] if d else comparison.filed.fit)
+                details or Details(), earlier=self._earlier(steps[:-1], d.fits[0] if d else comparison.filed.fit)
             )
-            write_diagnosis(path, made.told, own, command=command, step=step)
+            write_diagnosis(path, made.told, own, command=command, step=str(steps[-1]["name"]))
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
-            road = Road(step, self._earlier(request, addition.fits[0]))
+            road = Road(str(steps[-2]["name"]), self._earlier(steps[:-2], addition.fits[0]), _added(steps[1:-1]))
             write_addition(path, report, addition, command, remains, road)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
             # an addition of a process that has ended is shown by its result: its model against the readings
-            how = command if kind == "compare" else ""
-            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
+            aside = Aside(comparison.sources, findings, notes, command if kind == "compare" else "", remains)
+            now = str(steps[-1]["name"])
+            way = None if now == REFITTED else Road(now, self._earlier(steps[:-1], comparison.refitted.fit))
+            write_comparison(path, comparison, aside, way)
         return {"path": str(path)}
+
+
+def _added(steps: Sequence[Mapping[str, Any]]) -> list[tuple[str, Sequence[Candidate]]]:
+    """Return the name of each step after the first of these, and the effects that came with it."""
+    models = [parse_model(str(s["text"])) for s in steps]
+    found: list[tuple[str, Sequence[Candidate]]] = []
+    for s, before, after in zip(steps[1:], models, models[1:], strict=False):
+        there = {e.key for e in before.effects}
+        new = [Candidate(effect_named(e.name), e.cell) for e in after.effects if e.key not in there]
+        found.append((str(s["name"]), new))
+    return found
 
 
 def _heard(rows: Columns, record: Record) -> int:

@@ -18,7 +18,7 @@ from bms_gateway.workbench.commands import Leg, command_lines, config_lines, fil
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
 from bms_gateway.workbench.shared import Shared
-from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of, way_of
+from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, reported, steps_of, way_of
 from bms_gateway.workbench.task_request import TaskRequest
 from bms_gateway.workbench.uploads import Uploads
 
@@ -175,21 +175,17 @@ class Desk:
             self._told()
         worker.end()
 
-    def report(self, *, filed: bool = False) -> Path:
-        """Write the report of the shown content, and wait for it; `filed`: with the model from its file too.
+    def report(self, ticked: Sequence[int] | None = None) -> Path:
+        """Write the report of the shown content, and wait for it; `ticked`: places of the steps that it draws.
 
         Raises
         ------
         UsageError
             It cannot be written.
         """
-        top = self._top
-        kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
+        told = reported(self._top, self._frames, ticked)
         command = command_lines(self._named() or {}, self._way())[-1]
-        step = self._frames[-2].label if kind == "add" else top.label
-        request = {"files": self.files, "text": top.text, "kind": kind, "command": command, "step": step}
-        first = self._frames[0].text if filed and self._frames[0].compared else ""
-        self._start("report", {**request, "remains": remains(self._frames), "filed": first})
+        self._start("report", {"files": self.files, "command": command, **told})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
             path, self._report = self._report, None
@@ -209,7 +205,8 @@ class Desk:
         """Return the newest model file, with the doubts about it at its head."""
         with self.changed:
             text = self._top.text
-            return "".join(f"# {line}\n" for line in doubt_lines(self._frames)) + text
+            said = (f"# {line}\n" for line in doubt_lines(self._frames))
+            return "".join(line for line in said if line not in text) + text
 
     def track(self, record: int, column: str) -> None:
         """Read one more column of a record's table, to be drawn as a separate track."""

@@ -107,6 +107,26 @@ def way_of(frames: list[Frame], checks: Sequence[Document]) -> list[Leg]:
     return legs
 
 
+def reported(top: Frame, frames: list[Frame], ticked: Sequence[int] | None) -> Document:
+    """Return what a report is made of: its kind, what is left open, and each step with its model file.
+
+    Parameters
+    ----------
+    top : Frame
+        The newest model.
+    frames : list of Frame
+    ticked : sequence of int or None
+        Places of the steps that are ticked on the page; None if all are.
+    """
+    named = [(frames[0].text, FILED), *((f.text, f.label) for f in frames)]
+    return {
+        "text": top.text,
+        "kind": "diagnose" if top.diagnosed else "add" if top.told else "compare",
+        "remains": remains(frames),
+        "steps": [{"text": t, "name": n, "ticked": ticked is None or k in ticked} for k, (t, n) in enumerate(named)],
+    }
+
+
 UNFITTED: Final = {
     "proven": False,
     "sd_K": None,
@@ -153,11 +173,11 @@ def remains(frames: list[Frame]) -> str:
 
 
 def doubt_lines(frames: list[Frame]) -> list[str]:
-    """Return the doubts about the newest model, for the head of its file."""
+    """Return the doubts about the newest model, for the head of its file; an addition has written those of its own."""
     core = _core(frames[-1])
     said = [core["sentence"], *core["why"]] if core and not core["proven"] else []
     left = remains(frames)
-    return [*said, left] if left else said
+    return [*said, left] if left and UNKNOWN not in said else said
 
 
 def joined(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, whole_number
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.uploads import safe_name
 
@@ -45,9 +45,7 @@ def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
     name = query.get("name", "")
     match query.get("what", ""):
         case "report":
-            return Taken(
-                "report.html", "text/html; charset=utf-8", desk.report(filed=bool(query.get("filed"))), once=True
-            )
+            return Taken("report.html", "text/html; charset=utf-8", desk.report(_places(query.get("steps"))), once=True)
         case "session":
             text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
             return Taken("session.json", "application/json", text.encode())
@@ -57,6 +55,11 @@ def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
                 raise UsageError("take: this tab has no file of this name")
             return Taken(path.name, "application/octet-stream", path)
     return Taken(Path(name or "model.toml").name, "application/toml", desk.model().encode())
+
+
+def _places(text: str | None) -> list[int] | None:
+    """Read the places of the ticked steps from a query; None if it does not say them."""
+    return None if text is None else [k for word in text.split(",") if (k := whole_number(word)) is not None]
 
 
 def attached(name: str) -> str:

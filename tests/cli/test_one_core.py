@@ -10,6 +10,7 @@ from bms_gateway.config.model_file import read_model
 from bms_gateway.report.core_text import half_width
 from bms_gateway.report.step_names import REFITTED
 from bms_gateway.workbench.bench import Bench
+from bms_gateway.workbench.steps import Frame, doubt_lines
 from tests.cli.calls import call, told
 from tests.truth.packs import pack as packed
 
@@ -197,3 +198,32 @@ def test_the_coefficient_comes_out_as_a_curve_with_a_band_in_document_words_and_
     assert "dU/dT" in text
     assert "dU/dT over the SOC" in html
     assert found["diagnose added"][0]["curves"] == []
+
+
+def test_a_model_file_of_a_command_says_on_top_what_that_of_the_page_says(road, tmp_path):
+    """It said "core not proven: see [posterior]", and the page everything."""
+    pack, *_ = road
+    out = tmp_path / "forced.toml"
+    words = ("thermocouple_lag", "--model", pack.model, "--data", pack.clean, "--out", out, "--force")
+    assert call("add", *words)[0] == 0
+    tell = {"tell": lambda *_: None, "show": lambda _: None}
+    files = {"tables": [str(pack.clean)], "model": str(pack.model)}
+    request = {"files": files, "folder": str(tmp_path), "words": ["thermocouple_lag"], "force": True, "name": "+ x"}
+    bench = Bench()
+    text = bench.answer({**request, "do": "add", "text": pack.model.read_text()}, **tell)["text"]
+    top, _, rest = out.read_text().partition("cells = ")
+    assert rest
+    assert text.partition("cells = ")[0] == top
+    # each doubt that the page tells stands there once
+    compared = bench.answer({**request, "do": "compare", "text": text}, **tell)
+    told = doubt_lines([Frame(text, "+ x", compared=compared)])
+    assert told[0].startswith("Core not proven: ")
+    assert len(told) > 1
+    assert all(top.count(f"# {line}\n") == 1 for line in told)
+    assert top.count("\n") == len(told) + 1
+    # and of a fit
+    again = tmp_path / "fitted.toml"
+    assert call("fit", pack.clean, "--model", out, "--out", again)[0] == 0
+    said = again.read_text().partition("cells = ")[0]
+    assert said.startswith("# Core not proven: ")
+    assert len(re.findall(r"# Added by force, though: ", said)) == 1

@@ -1,6 +1,7 @@
 """No effect is named with a conductance, a resistance or a share that no body can have."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,6 +47,31 @@ def test_a_number_certainly_below_its_least_excludes_its_effect_alone(monkeypatc
     assert (name in unbelievable(moved, [c])) == excluded
     if excluded:
         assert f"({name}) comes out as −" in said
+
+
+def ends_at(name, value):
+    """A fit with one number, which ends at its bound."""
+    coordinate = SimpleNamespace(name=name, effect=name.partition(".")[0], sd=1.0)
+    return SimpleNamespace(
+        problem=SimpleNamespace(coordinates=(coordinate,)), theta=np.array([value]), at_bound=lambda _: True
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("thermocouple_lag.tau", 2.304e-5, "(tau) ends at its bound, less than 0.001 s"),
+        ("thermocouple_lag.tau", 60.0, "(tau) ends at its bound, 60 s"),
+        ("phase_change.L", 12345.6, "(L) ends at its bound, 12350 J"),
+        ("current_offset.b", -10.0, "(b) ends at its bound, −10 A"),
+    ],
+)
+def test_a_bound_is_told_in_plain_units_and_as_of_the_closest_fit(monkeypatch, name, value, says):
+    """A step told "tau 0.5 ± 2.0 s" and beside it "tau ends at its bound, 2.304e-05 s": two numbers for one thing."""
+    monkeypatch.setattr("bms_gateway.diagnosis.adding.posterior", lambda _: np.eye(1))
+    said = unbelievable(ends_at(name, value), [Candidate(catalogue()[name.partition(".")[0]], None)])
+    assert said.startswith("closely fitted, ")
+    assert said.endswith(f"{says}: not believed")
 
 
 @pytest.mark.slow

@@ -42,7 +42,12 @@ def test_a_thermocouple_is_within_a_band_only_where_its_readings_are(covered, en
 def test_a_band_of_a_cell_without_a_thermocouple_says_what_it_assumes(proven, unseen, said) -> None:
     """The band of such a cell, whose R_e was 70 % higher, held its core 1 % of the time, and nothing said why."""
     core = SimpleNamespace(
-        half_width_K=np.array([1.0, 2.0, 1.0, 2.0, 5.35]), proven=proven, unseen=unseen, unlike=0.02, exchanged=None
+        half_width_K=np.array([1.0, 2.0, 1.0, 2.0, 5.35]),
+        proven=proven,
+        unseen=unseen,
+        unlike=0.02,
+        exchanged=None,
+        carried="",
     )
     sentence = core_sentence(core)
     assert "cell 5, known least" in sentence
@@ -62,7 +67,15 @@ def test_reasons_against_a_core_have_labels_and_a_true_minus():
         "cell_cooling:2.a ends at its bound.",
     )
     core = SimpleNamespace(
-        half_width_K=np.ones(1), proven=False, unseen=(), unlike=0.0, sd_K=0.5, centre_sd_K=0.5, why=why, exchanged=None
+        half_width_K=np.ones(1),
+        proven=False,
+        unseen=(),
+        unlike=0.0,
+        sd_K=0.5,
+        centre_sd_K=0.5,
+        why=why,
+        exchanged=None,
+        carried="",
     )
     page = told_core(core)["why"]
     assert page[0].endswith("−1 1/h: not believed.")

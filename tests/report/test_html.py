@@ -311,7 +311,7 @@ def test_the_page_of_an_addition_says_what_speaks_against_it(road, tmp_path, for
         assert words in text
     assert f" ({one[0].key}) the held-out error" in text
     text = bare(text)
-    assert text.index(headline(report)) < text.index(why) < text.index("Error where fitted")
+    assert text.index(bare(headline(report))) < text.index(why) < text.index("Error where fitted")
 
 
 def test_where_nothing_was_held_out_the_page_claims_no_held_out_error(road, tmp_path):

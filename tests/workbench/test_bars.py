@@ -1,5 +1,7 @@
 """While an effect is being fitted its bars show the closest fits, and say so; then they stand at the step's error."""
 
+from contextlib import contextmanager
+
 import pytest
 
 from tests.support.page_steps import FIT_S, seen_added, seen_compared
@@ -16,14 +18,21 @@ road.trial({names: 'heat (a)', step: '+ heat (a)', before: stair(0.5), after: st
 LAST = "const b = [...document.querySelectorAll('.bars')[0].querySelectorAll('.bar')].at(-1);"
 
 
-@pytest.mark.slow
-def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
-    pack = make_pack(tmp_path, seconds=600)
-    with served(tmp_path, *pack.words) as url:
+@contextmanager
+def at_add(window, folder):
+    """The page of a compared model, where effects are added."""
+    pack = make_pack(folder, seconds=600)
+    with served(folder, *pack.words) as url:
         page = window(url)
         seen_compared(page)
         page.idle(FIT_S)
         page.click("#tab-add")
+        yield page
+
+
+@pytest.mark.slow
+def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
+    with at_add(window, tmp_path) as page:
         for error_K in (0.4, 0.2):
             page.run(FOUND, error_K)
             assert page.run(LAST + "return b.className") == "bar fitting"
@@ -69,12 +78,7 @@ def test_bars_end_at_the_error_that_is_stated(window, tmp_path):
 @pytest.mark.slow
 def test_a_core_that_is_not_known_has_the_highest_bar(window, axe, tmp_path):
     """Its bar had no height, so the band seemed to grow when an effect made the core known."""
-    pack = make_pack(tmp_path, seconds=600)
-    with served(tmp_path, *pack.words) as url:
-        page = window(url)
-        seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-add")
+    with at_add(window, tmp_path) as page:
         page.run(FOUND.replace("after: stair(arguments[0])", "after: {...stair(arguments[0]), core_known: false}"), 0.3)
         *others, (text, height) = page.run(
             "return [...[...document.querySelectorAll('.bars')].at(-1).querySelectorAll('.bar')]"

@@ -72,6 +72,38 @@ def test_a_report_with_long_names_fits_on_paper(window, pack, tmp_path):
     assert shown.complaints() == []
 
 
+ROOM = """
+dispatchEvent(new Event('beforeprint'));
+await new Promise(done => setTimeout(done, 1500));
+const box = (e) => e.getBoundingClientRect();
+const figures = [...document.querySelectorAll('figure:has([id^=overlay-])')].map(f => box(f).height);
+const maps = [...document.querySelectorAll('.beside .map')].map(m => [box(m).left, box(m).top]);
+const told = [...document.querySelectorAll('.cell-told')].filter(p => p.offsetHeight > 0).length;
+const high = (p) => p.querySelector('svg').clientHeight;
+const cut = [...document.querySelectorAll('.plot')].filter(p => high(p) > p.clientHeight + 1).length;
+dispatchEvent(new Event('afterprint'));
+await new Promise(done => setTimeout(done, 1500));
+return [figures, maps, told, cut, document.querySelector('.plot').clientHeight];
+"""
+
+
+def test_figures_and_maps_leave_no_half_of_a_page_empty(window, tmp_path):
+    """Two figures and a third of a page of nothing; maps of one cell one below the other, each half as wide."""
+    pack, page = make_pack(tmp_path, cells=1, sensors=(1,), seconds=900), tmp_path / "one.html"
+    assert main(["compare", str(pack.hidden), "--model", str(pack.model), "--html", str(page)]) == 0
+    shown = printed(window, page)
+    tall = shown.run("return document.querySelector('.plot').clientHeight")
+    figures, maps, told, cut, after = shown.run(ROOM)
+    assert all(3 * height < PAPER[1] for height in figures)
+    assert len(maps) == 2
+    assert maps[0][0] < maps[1][0]
+    assert maps[0][1] == pytest.approx(maps[1][1], abs=2.0)
+    assert told == 0  # nobody taps on paper
+    assert cut == 0
+    assert after == tall
+    assert shown.complaints() == []
+
+
 def test_the_ranking_breaks_no_identifier_and_the_map_is_there(window, pack, tmp_path):
     page = tmp_path / "d.html"
     assert main(["diagnose", str(pack.hidden), "--model", str(pack.model), "--html", str(page)]) == 0

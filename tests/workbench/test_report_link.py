@@ -74,5 +74,5 @@ def test_the_link_opens_a_report_of_what_is_shown(window, tmp_path):
         page.idle(FIT_S)
         text = made(page, tmp_path / "fourth")
         assert "Which effect is the model missing?" in Page(text).text
-        assert drawn(text)[:2] == ["from its file", ADDED]
+        assert drawn(text)[:3] == ["from its file", "refitted", ADDED]
         assert page.complaints() == []

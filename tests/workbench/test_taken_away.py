@@ -39,6 +39,15 @@ def saved(server, desk, folder, what, name=""):
     return called
 
 
+def opened(server, desk, pack, table):
+    """Upload a pack's table, describe the cell in the form, and open them."""
+    where = f"?desk={desk.name}"
+    ask(server, "POST", f"/api/upload{where}&name={quote(table)}", pack.hidden.read_bytes(), **BYTES)
+    body = {"tables": [table], "model": "", "form": {"cell": "a123_32157", "cells": "3"}}
+    assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
+    return done(desk)
+
+
 def typed(commands, folder, monkeypatch):
     """Type the commands where the files lie."""
     monkeypatch.chdir(folder)
@@ -56,11 +65,8 @@ def test_commands_on_uploads_run_with_the_files_that_are_saved(tmp_path, monkeyp
     elsewhere.mkdir()
     with serving() as server:
         desk = server.site.new_desk()
-        where, table = f"?desk={desk.name}", "-Prüfstand, Tag 1.csv"
-        ask(server, "POST", f"/api/upload{where}&name={quote(table)}", pack.hidden.read_bytes(), **BYTES)
-        body = {"tables": [table], "model": "", "form": {"cell": "a123_32157", "cells": "3"}}
-        assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
-        assert done(desk)["error"] == ""
+        table = "-Prüfstand, Tag 1.csv"
+        assert opened(server, desk, pack, table)["error"] == ""
         desk.add(["entropic_heat"], force=True)
         state = done(desk)
         assert [s["words"] for s in state["steps"]] == [[], [], ["entropic_heat"]]
@@ -84,10 +90,7 @@ def test_the_numbers_of_a_refit_are_written_by_a_command_and_the_page_says_so(tm
     with serving() as server:
         desk = server.site.new_desk()
         where = f"?desk={desk.name}"
-        ask(server, "POST", f"/api/upload{where}&name=day.csv", pack.hidden.read_bytes(), **BYTES)
-        body = {"tables": ["day.csv"], "model": "", "form": {"cell": "a123_32157", "cells": "3"}}
-        assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
-        state = done(desk)
+        state = opened(server, desk, pack, "day.csv")
         told, refitted = state["model_told"], state["steps"][-1]
         assert told.startswith("This file holds the numbers from before, not the refitted ones.")
         assert "model_fitted.toml" in told

@@ -34,6 +34,15 @@ _SAID: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 _PLAIN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {word.lower(): (field, word) for field, all_words in _SAID.items() for word in all_words}
 )
+_ALSO: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        r"still\s+air": "still",
+        r"(?:a\s+)?fan": "forced",
+        r"(?:a\s+)?cold\s+plate": "plate",
+        r"a\s+liquid": "liquid",
+    }
+)
+"""What the form of the workbench calls the ways of cooling."""
 _VALID: Final = "; ".join(f"{field.replace('_kind', '')}: {', '.join(all_words)}" for field, all_words in _SAID.items())
 SHAPES: Final = ("pouch", "prismatic", "cylinder")
 WORDS: Final = (*PUBLISHED, *FORMATS, *SHAPES, *_PLAIN)
@@ -75,10 +84,14 @@ def cell_of(text: str) -> CellFacts:
     >>> c = cell_of("21700, 5Ah, 69g, 25mOhm, forced, 2p")
     >>> c.capacity_Ah, c.parallel, c.cooling
     (5.0, 2, 'forced')
+    >>> cell_of("21700 5Ah, a fan").cooling, cell_of("pouch 290x216x7.1mm cold plate").name
+    ('forced', 'pouch 290x216x7.1mm plate')
     """
     if (comma := re.search(r"\d,\d+[a-zA-ZΩ]*", text)) is not None:
         raise UsageError(f"cell: '{comma[0]}': decimals take a point, as '{comma[0].replace(',', '.')}'")
     told = _APART.sub(r"\1\2", _TIMES.sub("x", text.strip()))  # "280 Ah", "174 x 207 x 72 mm"
+    for pattern, word in _ALSO.items():
+        told = re.sub(rf"\b{pattern}\b", word, told, flags=re.IGNORECASE)
     words = [w for w in re.split(r"[\s,;]+", told) if w]
     if not words:
         raise UsageError(f"cell: says nothing; {EXAMPLE}")

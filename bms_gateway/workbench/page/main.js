@@ -164,8 +164,8 @@ function keys(e) {
   } else if (e.key >= "1" && e.key <= "6") step(STEPS[Number(e.key) - 1], true);
   else if (e.key === "ArrowLeft" && !e.target.closest("[role=radio], [type=radio]")) plots.pick(ui.cell - 1);
   else if (e.key === "ArrowRight" && !e.target.closest("[role=radio], [type=radio]")) plots.pick(ui.cell + 1);
-  else if (e.key === "d" && !road.busy()) { step("diagnose"); road.diagnose(); }
-  else if (e.key === "u" && !road.busy()) { step("add"); road.undo(); }
+  else if (e.key === "d") { step("diagnose"); road.diagnose(); }
+  else if (e.key === "u") { step("add"); road.undo(); }
   else if (e.key === "t") theme();
   else if (e.key === "c" && !$("shown").hidden) { if (["open", "live"].includes(ui.tab)) step("compare"); measure.toggle(); }
   else return;

@@ -177,6 +177,7 @@ export function show(next) {
     $("columns").value = columns.table() ? "" : state.files.columns.join(",");
     $("more").open = Boolean(named.config || named.dbc.length || $("columns").value || state.files.recent?.store);
   }
+  if ((state.opened || state.looked) && $("start").contains(document.activeElement)) $("tab-open").focus({ preventScroll: true }); // it goes away
   $("start").hidden = Boolean(state.opened || state.looked);
   const added = state.steps.filter((s) => s.words.length);
   $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${added.map((s) => ` ${s.name}`).join("")}` : "";
@@ -478,7 +479,8 @@ const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) 
 
 async function report() {
   readyBox.replaceChildren();
-  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", ...(ticked(state.steps)[0] === state.steps[0] ? { filed: 1 } : {}) })}`);
+  const steps = ticked(state.steps).map((s) => state.steps.indexOf(s));
+  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", steps })}`);
   if (!response.ok) throw new Error((await response.json()).error);
   const href = URL.createObjectURL(await response.blob());
   // a browser saves only what a person has just asked for; a report may take longer than it remembers that
