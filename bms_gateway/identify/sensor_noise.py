@@ -9,6 +9,10 @@ white. Averaged over the position of the true value between two steps, the white
 
 (the mean of the rounding error is a Fourier series of that position; its variance is the part that is not white). For
 coarse noise this is Sheppard's σ² + q²/12, for fine noise σq/√π. Solved for s it gives noise far below the step.
+
+Readings that a logger or a gateway puts between two others share their noise: half-way between, three times as little
+of it is seen between neighbours. Readings two apart share none. Their deviation also has more of the signal, so that of
+readings three apart shows how it grows with the distance.
 """
 
 from dataclasses import dataclass
@@ -30,6 +34,15 @@ OUTLIER = 4.0
 """Greater deviations are events of the signal, not noise."""
 MOST, CROWDED = 0.9, 3.0
 """Share of the readings that lie on the levels of a coarse sensor, and the readings per level."""
+SHARED, BY_CHANCE = 1.3, 12.0
+"""Variance of readings two apart over that of neighbours, above which neighbours share noise, of many readings, and
+what is added to it over the root of their number: three times the scatter by chance. Half-way between two readings the
+ratio is 3."""
+CALM = 0.5
+"""Growth of the squared difference of readings from two to four apart, as a share, above which a signal is too fast."""
+WHITENED = 0.2
+"""Variance over the squared step above which the noise whitens the rounding: the part that persists is then a
+hundredth of it, and does not look like shared noise."""
 TERMS = np.arange(1, 9)
 
 
@@ -110,16 +123,38 @@ def white_noise(t: Floats, y: Floats, step: float) -> float:
     e = _out_of_line(t, y)
     if len(e) < 8:
         return floor
-    limit = max(OUTLIER * 1.4826 * float(np.median(np.abs(e))), 1.5 * step)
-    for _ in range(3):
-        limit = max(OUTLIER * float(np.sqrt(np.mean(e[np.abs(e) <= limit] ** 2))), 1.5 * step)
-    W = float(np.mean(e[np.abs(e) <= limit] ** 2))
+    W = _usual_square(e, step)
     if step == 0.0:
         return max(float(np.sqrt(W)), floor)
     # A clean staircase also moves, by its slope: two deviations of q per crossing, each squared over 6.
     crossings = float(np.abs(np.diff(_calm(y))).sum()) / step / len(y)
     W = max(W - min(crossings, 0.25) * step**2 / 3.0, 0.0)
     return max(_before_rounding(W / step**2) * step, floor)
+
+
+def shared_noise(t: Floats, y: Floats, step: float) -> float:
+    """Estimate the noise before rounding of readings that share it with their neighbours.
+
+    Parameters
+    ----------
+    t, y, step
+        As for `white_noise`.
+
+    Returns
+    -------
+    float
+        K; 0 if neighbours do not share noise, or if the signal is too fast or the step too coarse to tell.
+    """
+    apart = [_out_of_line(t, y, distance) for distance in (1, 2, 3)]
+    if len(apart[-1]) < 8:
+        return 0.0
+    near, two, three = (_usual_square(e, step) for e in apart)
+    whole = two - 2.0 * max(three - two, 0.0)  # a signal grows with the distance, or faster
+    least = max((SHARED + BY_CHANCE / np.sqrt(len(y))) * near, WHITENED * step**2)
+    short, long = (_usual_square(y[k:] - y[:-k], step) for k in (2, 4))
+    if whole <= least or long > (1.0 + CALM) * short:
+        return 0.0
+    return float(np.sqrt(whole - step**2 / 12.0))
 
 
 def slow_rounding(t: Floats, y: Floats) -> float:
@@ -169,19 +204,30 @@ def estimate_noise(t: Floats, y: Floats, sensor: NDArray[np.intp], sensors: int)
         Number of sensors, m.
     """
     step = np.array([resolution(y[sensor == j]) for j in range(sensors)])
-    sigma = np.array([white_noise(t[sensor == j], y[sensor == j], q) for j, q in enumerate(step.tolist())])
+    sigma = np.zeros(sensors)
+    for j, q in enumerate(step.tolist()):
+        mine = sensor == j
+        sigma[j] = max(white_noise(t[mine], y[mine], q), shared_noise(t[mine], y[mine], q))
     return Noise(sigma, step)
 
 
-def _out_of_line(t: Floats, y: Floats) -> Floats:
-    """Deviation of readings from the line between their neighbours, scaled to the variance of one reading."""
-    if len(t) < 3:
+def _out_of_line(t: Floats, y: Floats, k: int = 1) -> Floats:
+    """Deviation of readings from the line between those `k` before and after, scaled to the variance of one reading."""
+    if len(t) < 2 * k + 1:
         return np.empty(0)
-    span = t[2:] - t[:-2]
+    span = t[2 * k :] - t[: -2 * k]
     near = span <= 3.0 * float(np.median(span))
-    share = (t[1:-1] - t[:-2])[near] / span[near]
-    e = y[1:-1][near] - (1.0 - share) * y[:-2][near] - share * y[2:][near]
+    share = (t[k:-k] - t[: -2 * k])[near] / span[near]
+    e = y[k:-k][near] - (1.0 - share) * y[: -2 * k][near] - share * y[2 * k :][near]
     return np.asarray(e / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
+
+
+def _usual_square(e: Floats, step: float) -> float:
+    """Mean square of deviations without events of the signal."""
+    limit = max(OUTLIER * 1.4826 * float(np.median(np.abs(e))), 1.5 * step)
+    for _ in range(3):
+        limit = max(OUTLIER * float(np.sqrt(np.mean(e[np.abs(e) <= limit] ** 2))), 1.5 * step)
+    return float(np.mean(e[np.abs(e) <= limit] ** 2))
 
 
 def _calm(y: Floats) -> Floats:

@@ -8,6 +8,7 @@ from bms_gateway.identify.sensor_noise import (
     LEAST_STEPS,
     estimate_noise,
     resolution,
+    shared_noise,
     slow_rounding,
     white_noise,
 )
@@ -78,6 +79,50 @@ def test_each_sensor_has_its_own():
     assert noise.sigma == pytest.approx([0.1, 0.3], rel=0.1)
     assert noise.step == pytest.approx([0.0, 0.5], abs=2e-3)
     assert noise.total[1] == pytest.approx(np.hypot(0.3, 0.5 / np.sqrt(12)), rel=0.1)
+
+
+def between(sigma, step, seed, *, share=0.5, n=3600):
+    """Readings that a logger puts between two others, and the sd of their error."""
+    rng = np.random.default_rng([seed, 78])
+    t = np.arange(n + 1.0)
+    true = 25.0 + rng.uniform(0.0, 1.0) + 8.0 * (1.0 - np.exp(-t / 1500.0)) + 1.5 * np.sin(t / 200.0)
+
+    def seen(x):
+        return np.round(x / step) * step if step else x
+
+    y = seen(true + sigma * rng.standard_normal(n + 1))
+    y, true = (x[:-1] + share * (x[1:] - x[:-1]) for x in (y, true))
+    return t[:-1] + share, seen(y), float(np.std(seen(y) - true))
+
+
+@pytest.mark.parametrize("seed", range(900, 903))
+@pytest.mark.parametrize(("sigma", "step"), [(0.05, 0.0), (0.06, 0.1), (0.1, 0.1), (0.2, 0.1), (0.05, 0.05)])
+def test_noise_that_readings_share_with_their_neighbours_is_found_whole(sigma, step, seed):
+    t, y, error = between(sigma, step, seed)
+    found = estimate_noise(t, y, np.zeros(len(y), np.intp), 1)
+    assert white_noise(t, y, resolution(y)) < 0.75 * found.sigma[0]  # between neighbours most of it is not seen
+    assert found.total[0] == pytest.approx(error, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(900, 903))
+@pytest.mark.parametrize("step", [0.0, 0.05, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.01, 0.03, 0.1, 0.3])
+@pytest.mark.plain_cases(10)
+def test_white_noise_steps_and_fast_signals_are_not_taken_for_shared_noise(sigma, step, seed):
+    rng = np.random.default_rng([seed, 79])
+    t = np.arange(3600.0)
+    heat = np.repeat(rng.choice([0.0, 0.02, 0.06, 0.15, -0.05], 240), 15)  # of a current that steps every 15 s
+    fast = np.convolve(heat - heat.mean(), 0.98 ** np.arange(400.0))[:3600]
+    for signal in (
+        8.0 * (1.0 - np.exp(-t / 600.0)),
+        2.0 * np.sin(t / 10.0),
+        fast,
+        np.cumsum(rng.standard_normal(3600)),
+    ):
+        y = 25.0 + signal + sigma * rng.standard_normal(3600)
+        y = np.round(y / step) * step if step else y
+        for thin in (1, 10):  # fewer readings, between which the signal moves farther
+            assert shared_noise(t[::thin], y[::thin], resolution(y[::thin])) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(3))
