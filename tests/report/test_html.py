@@ -342,7 +342,8 @@ def test_the_page_of_the_second_search_tells_the_numbers_of_both_models_and_rank
     page = Page(text)
     assert "something unknown remains" in page.text
     gap = "\N{NO-BREAK SPACE}"  # a unit stays with its number, an arrow with what it comes from
-    assert f"{d.baseline.heldout_rmse_K:.3f}{gap}→ {d.after.heldout_rmse_K:.3f}{gap}K" in page.text
+    assert 1.0 < d.baseline.heldout_rmse_K < 10.0  # three digits have two decimals
+    assert f"{d.baseline.heldout_rmse_K:.2f}{gap}→ {d.after.heldout_rmse_K:.3f}{gap}K" in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert [s for s in shapes if s["type"] == "rect"]
     head, *rows = page.tables["ranking"][0]
