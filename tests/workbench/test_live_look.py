@@ -215,6 +215,13 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
             "below the limit of 80 °c for 10 min: cell 1, now 37.0 ± 8.3 °c, may be over it without a load"
         ) in page.run(words, 0).lower()
 
+        page.run(
+            "const p = structuredClone(last), s = p.strings[0]; s.centre[0] = 83; s.centre_half[0] = 8.3;"
+            "s.ahead = {cell: 4, load_A: 37, point: [37, 36, 35], half: [5, 5, 5], limit_s: [1, 0],"
+            " discharge: [0, 0, 0], charge: [0, 0, 0], limiting: 1}; show(p);"
+        )
+        assert "for 10 min: cell 1, now 83.0 ± 8.3 °c, is over it" in page.run(words, 0).lower()
+
         # a hottest point that is not known to 12 K (1 sd) has no number with a band, as in the alarms
         for half, said in (
             (23.5, "70.6 ± 23.5 °C"),
