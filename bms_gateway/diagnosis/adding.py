@@ -325,7 +325,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     remark = ""
     tied = {x.candidate.key: x.tied_with for x in d.selected if x.candidate in added}
     if all(any(w.meets(c) for c in named) for w in wants):
-        keys = " ".join(c.key for c in named)
+        keys = " and ".join(c.key for c in named)
         others = " and ".join(c.key for c in named if not any(w.meets(c) for w in wants))
         remark = f"These records ask for {others} as well."
         held_K = rmse(before, ~used), rmse(after, ~used)

@@ -335,13 +335,17 @@ def numbers_far(fit: MapFit) -> list[str]:
 
 
 def farthest(fit: MapFit) -> str:
-    """Name the parameter of the cells that a fit moved farthest from what was known of it, in sd; empty without one."""
+    """Name the parameter of the cells that a fit moved farther from what was known of it than any other number.
+
+    Empty if that is a number of an effect, or if it moved by less than `FAR`.
+    """
     off = {
-        c.name.partition("@")[0]: abs(z - c.prior) / c.sd
+        c.name.partition("@")[0]: (abs(z - c.prior) / c.sd, c.effect is None)
         for c, z in zip(fit.problem.coordinates, fit.theta.tolist(), strict=True)
-        if c.effect is None and not c.only_start
+        if not c.only_start
     }
-    return max(off, key=lambda name: off[name], default="")
+    name = max(off, key=lambda name: off[name], default="")
+    return name if name and off[name][0] > FAR and off[name][1] else ""
 
 
 def _vanished(c: Coordinate, z: float) -> bool:

@@ -276,8 +276,8 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
     if moved > half_width:
         return d
     doubt = (
-        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K (95 %) to which it is "
-        "known."
+        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K (95 %) to which the "
+        "fits of this search know it."
     )
     return replace(d, more=f"{d.more} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
 

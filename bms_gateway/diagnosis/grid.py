@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bms_gateway.errors import DataError
+from bms_gateway.errors import DataError, counted
 from bms_gateway.thermal import Floats
 
 FINEST_S = 1.0
@@ -103,8 +103,8 @@ def lay_grid(source: str, t: Floats, cells: int, notes: list[str]) -> Grid:
     if len(kept) > 1:
         longest = max(parts[b][0] - parts[a][1] for a, b in pairwise(kept))
         notes.append(
-            f"The current is missing for more than {gap:.0f} s at {len(kept) - 1} places, for {longest / 60.0:.1f} min "
-            f"at the longest: the record is taken as {len(kept)} parts, each with its own start."
+            f"The current is missing for more than {gap:.0f} s at {counted(len(kept) - 1, 'place')}, for {longest:.0f} "
+            f"s at the longest: the record is taken as {len(kept)} parts, each with its own start."
         )
     if dt > 1.5 * max(usual_interval(t), FINEST_S):
         notes.append(f"The record is long: its inputs are averaged over {dt:g} s.")

@@ -363,8 +363,8 @@ def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> tuple
     d = d[(d > bridge) & (d <= part)]
     if len(d):
         notes.append(
-            f"The current is missing at {len(d)} places, for {d.max():.0f} s at the longest and {d.sum():.0f} s in "
-            "all: bridged by straight lines."
+            f"The current is missing at {counted(len(d), 'place')}, for {d.max():.0f} s at the longest and "
+            f"{d.sum():.0f} s in all: bridged by straight lines."
         )
     return float(d.sum()), float(d.max(initial=0.0))
 
@@ -386,7 +386,9 @@ def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> float:
     missing = max(own[0] - t[0], 0.0), max(t[-1] - own[-1], 0.0)
     limit = max(60.0, bridged(own)[0] if len(own) > 2 else 0.0)
     found = 0.0
-    if len(own) > 1 and (longest := float(np.diff(own).max())) > limit:
+    # where the current is missing too, nothing is bridged: the record is taken in parts, or the current tells
+    heard = np.searchsorted(t, own[1:]) - np.searchsorted(t, own[:-1], "right") > 0
+    if heard.any() and (longest := float(np.diff(own)[heard].max())) > limit:
         notes.append(f"The {name} is missing for {longest:.0f} s at the longest: bridged by straight lines.")
         found = longest
     if max(missing) > limit:

@@ -137,7 +137,7 @@ def write_recent(
 def _string(found: "Excerpt", name: str | None, command: str) -> str:
     names = list(found.columns)
     if not names:
-        raise DataError(f"{command}: of no string a signal is recorded in this time")
+        raise DataError(f"{command}: no signal of any string was recorded in this time")
     if name is None:
         if len(names) > 1:
             raise UsageError(f"{command}: --string is needed, several are recorded; valid: {', '.join(names)}")

@@ -30,8 +30,8 @@ EXCHANGED = (
 )
 """Remark on a band that is measured although the core is not proven; it may be narrower than before."""
 CARRIED = (
-    "The band is as wide as before what was added. Farthest from what was known is now {}: correct it in the file and "
-    "begin again, or calibrate with a thermocouple in a core."
+    "The band is at least as wide as before what was added. Farthest from what was known is now {}: correct it in the "
+    "file and begin again, or calibrate with a thermocouple in a core."
 )
 """Remark on a core that stays unknown because its band is carried over (`KnownCore.carried`)."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
@@ -91,7 +91,7 @@ def rests_on(unseen: Sequence[int], unlike: float) -> str:
     Examples
     --------
     >>> rests_on((5,), 0.02)[:52]
-    'Cell 5 has no thermocouple: its band holds only wher'
+    'Cell 5 has no thermocouple on the surface: its band '
     """
     if not unseen:
         return ""
@@ -99,8 +99,8 @@ def rests_on(unseen: Sequence[int], unlike: float) -> str:
     if len(unseen) == 1:
         have, their = "has", "its band holds"
     return (
-        f"{cells[0].upper()}{cells[1:]} {have} no thermocouple: {their} only where R_e of all cells is the same to "
-        f"within {number(100.0 * unlike, 0)} % (1 sd), as the model file says."
+        f"{cells[0].upper()}{cells[1:]} {have} no thermocouple on the surface: {their} only where R_e of all cells is "
+        f"the same to within {number(100.0 * unlike, 0)} % (1 sd), as the model file says."
     )
 
 

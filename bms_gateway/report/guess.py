@@ -105,6 +105,7 @@ _NOT: Final = re.compile(
     r"\b(outlet|\w*(r(ü|ue)cklauf|auslass|austritt)|abluft|power|leistung|energy|energie|error|fehler|status)\b"
 )
 _NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
+_NUMBER_OF_CELL: Final = re.compile(r"\b(?:cell|zelle|zell)[\s_#.:-]*(?:no|nr)?[\s_#.:-]*(\d+)")
 _CHARGE: Final = re.compile(r"\b(ladung|charge|f(ü|ue)llstand|akku|batterie|battery)\b")
 """Words for the state of charge of a column in per cent."""
 _CHARGING_RISES: Final = re.compile(
@@ -274,17 +275,40 @@ def _cells(
         series = _series([n for n in free if kind[n] == quantity and not _NOT.search(plain(n))])
         if not mine:
             mine = series or [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
-    numbers = [int(m[1][-9:]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
-    if len(set(numbers)) < len(numbers) or (0 in numbers and len(mine) == 1):
-        numbers = list(range(1, len(mine) + 1))
-    elif 0 in numbers:
-        numbers = [k + 1 for k in numbers]
+    numbers, why = _numbers([plain(n) for n in mine]), "by its name and number"
+    if numbers is None:
+        numbers, why = list(range(1, len(mine) + 1)), "by its name, and its cell by the order of the columns"
     given = {f"{what}_{k}_{suffix}": n for k, n in zip(numbers, mine, strict=True)}
     return {
-        n: Guess(ours, _unit_of(quantity, values.get(n), kind[n]), why="by its name and number")
+        n: Guess(ours, _unit_of(quantity, values.get(n), kind[n]), why=why)
         for ours, n in given.items()
         if ours not in taken
     }
+
+
+def _numbers(texts: Sequence[str]) -> list[int] | None:
+    """Read the cell's number in each name; None if the numbers do not tell the names apart.
+
+    The number after the word for a cell counts first, then the last number, then the others: a name may contain that
+    of a module or the number of all cells, too. Cells that count from 0 are numbered from 1.
+
+    Examples
+    --------
+    >>> _numbers(["temp cell 2 module 3", "temp cell 4 module 3"]), _numbers(["t surf 2 module 7", "t surf 5 module 7"])
+    ([2, 4], [2, 5])
+    >>> _numbers(["cell 0 of 12", "cell 5 of 12"]), _numbers(["surface", "skin"])
+    ([1, 6], None)
+    """
+    of_cell = [m[1] if (m := _NUMBER_OF_CELL.search(text)) else "" for text in texts]
+    of_name = [re.findall(r"\d+", text) for text in texts]
+    least = min(map(len, of_name), default=0)
+    last = [found[-1] if found else "" for found in of_name]  # one name in a series may have none
+    for some in (of_cell, last, *([found[k] for found in of_name] for k in range(least))):
+        numbers = [int(x[-9:]) if x else 0 for x in some]
+        apart = len(set(numbers)) == len(numbers)
+        if apart and any(some) and not (0 in numbers and len(texts) == 1) and (some is last or all(some)):
+            return [k + 1 for k in numbers] if 0 in numbers else numbers
+    return None
 
 
 def _series(names: Sequence[str]) -> list[str]:

@@ -17,7 +17,7 @@ from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.write import AIR, LIQUID
 from bms_gateway.thermal import Condition, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, cell_tolerances
-from bms_gateway.workbench.looking import surfaces
+from bms_gateway.workbench.looking import measured_flow, surfaces
 
 MODEL: Final = "model.toml"
 MOST_CELLS: Final = 400
@@ -65,7 +65,13 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise UsageError("model: name the cell, such as lg_m50 or '21700 5Ah 69g 25mOhm 2p'")
     cell = cell_of(words)
     condition: Condition = "single" if cells == 1 else "natural"
-    flow = _flow(str(form.get("flow") or "").strip())
+    given = str(form.get("flow") or "").strip()
+    flow = _flow(given)
+    if not given and cells > 1 and (seen := measured_flow(tables, files.get("columns") or (), files.get("each") or ())):
+        raise UsageError(
+            f"model: {seen}: state under 'Coolant flow past them' what flows past one cell after another, in l/min; 0 "
+            "if each cell has coolant of its own"
+        )
     medium = str(form.get("medium") or "").strip() or COOLS.get(cell.cooling, "")
     if medium and medium not in MEDIA:
         raise UsageError(f"model: the coolant '{medium[:40]}' is not known{did_you_mean(medium, MEDIA)}")
@@ -187,6 +193,8 @@ def _flow(text: str) -> float | None:
         flow = float(text.replace(",", "."))
     except ValueError:
         flow = float("nan")
-    if not 0.0 < flow < 1e5:
-        raise UsageError(f"model: coolant flow '{text}': must be a number above 0, in l/min; empty where none flows")
+    if not 0.0 <= flow < 1e5:
+        raise UsageError(f"model: coolant flow '{text}': must be a number of l/min, 0 where none flows")
+    if flow == 0.0:
+        return None
     return float(f"{flow * PER_L_MIN:.4g}")

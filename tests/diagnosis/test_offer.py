@@ -76,7 +76,7 @@ def test_a_part_is_not_sent_to_a_whole_that_is_refused_too(monkeypatch):
         monkeypatch.setattr(adding, "unbelievable", refused)
         step = weighed_step(d, [wanted("entropic_heat", model)])
         assert step.refused.startswith("alone, so it is; these records ask for resistance_temperature as well")
-        assert step.refused.endswith(": add entropic_heat resistance_temperature at once") == said
+        assert step.refused.endswith(": add entropic_heat and resistance_temperature at once") == said
 
 
 @pytest.mark.parametrize("severity", ["stop", "warn"])

@@ -91,7 +91,7 @@ def test_the_cells_that_no_record_of_a_string_has_are_told() -> None:
     core = known_core(model, [record])
     assert core.unseen == (2, 3)
     assert core.unlike == model.tolerances["cell_R_e"] > 0.0
-    assert "Cells 2, 3 have no thermocouple: their bands hold only where" in core_sentence(core)
+    assert "Cells 2, 3 have no thermocouple on the surface: their bands hold only where" in core_sentence(core)
 
 
 def test_each_place_that_shows_the_band_of_such_a_cell_says_so() -> None:
@@ -102,13 +102,15 @@ def test_each_place_that_shows_the_band_of_such_a_cell_says_so() -> None:
     assert core_document(core)["rests_on"] in core_sentence(core)
     worst = int(np.argmax(core.half_width_K)) + 1
     assert worst in core.unseen
-    assert f"Cell {worst} has no thermocouple: this holds only where" in now.findings[-1]
+    assert f"Cell {worst} has no thermocouple on the surface: this holds only where" in now.findings[-1]
     percent = 100.0 * model.tolerances["cell_R_e"]
     shown = compared_document(compared, REFITTED)["variants"][REFITTED]["cells"]
     assert [c["assumed_percent"] for c in shown] == [None, percent, percent, None]
     models = [Shown.of(REFITTED, now, proven=core.proven)]
     assert f"cell {worst}, known least, without a thermocouple" in summary(models)
-    assert "Cells 2, 3 have no thermocouple: their bands hold only where R_e" in "".join(evidence(models))
+    assert "Cells 2, 3 have no thermocouple on the surface: their bands hold only where R_e" in "".join(
+        evidence(models)
+    )
 
 
 def test_of_a_string_with_all_sensors_nothing_is_assumed() -> None:

@@ -105,6 +105,18 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
             "0;1;20;20;20;20;50",
             f"{INLET} core_3_C core_6_C surface_3_C soc",
         ),
+        (
+            "t;I;T_amb;Temp Cell 2 (module 3);Temp Cell 4 (module 3)",
+            "0;1;20;20;20",
+            f"{INLET} surface_2_C surface_4_C",
+        ),
+        ("t;I;T_amb;T_surf_2 module 7;T_surf_5 module 7", "0;1;20;20;20", f"{INLET} surface_2_C surface_5_C"),
+        ("t;I;T_amb;Cell 2 of 12 surface;Cell 5 of 12 surface", "0;1;20;20;20", f"{INLET} surface_2_C surface_5_C"),
+        (
+            "t;I;T_amb;Zelle 1 Oberfläche am Modul 3;Zelle 4 Oberfläche am Modul 3",
+            "0;1;20;20;20",
+            f"{INLET} surface_1_C surface_4_C",
+        ),
         ("t;I;T_amb;T_batt;T1;T2", "0;1;20;20;20;20", f"{INLET} - surface_1_C surface_2_C"),
         (
             "Zeit;Strom;T Wasser ein °F;Ladung %;Fühler 1 außen °F;Fühler 2 außen °F;Drehzahl 1/min",

@@ -311,7 +311,7 @@ def test_a_block_whose_layout_is_none_is_left_out(tmp_path, strings):
 
 def test_strings_without_a_sample_are_told(tmp_path):
     ring = laid(tmp_path / "recent", {**BLOCK, "inputs": [1]})
-    with pytest.raises(DataError, match="of no string a signal is recorded in this time"):
+    with pytest.raises(DataError, match="no signal of any string was recorded in this time"):
         write_recent(tmp_path / "a.csv", ring.parent, Stretch(60.0), None, "export", print)
 
 

@@ -15,7 +15,7 @@ WATER, AIR = 0.8e-3 / 60 * 3.6e6, 570e-3 / 60 * 1190
 def made(folder, cell, **more):
     """The model that the form describes for five cells."""
     form = {"cell": cell, "cells": "5", "sensors": "1,5", **more}
-    files = with_model({"tables": ["x.csv"], "model": "", "columns": [], "form": form}, folder)
+    files = with_model({"tables": [], "model": "", "columns": [], "form": form}, folder)
     return read_model(files["model"])
 
 
@@ -44,6 +44,21 @@ def test_without_a_flow_the_air_is_still(tmp_path):
     assert model.priors["R_u"].value == pytest.approx(
         cell_priors(cell_of(ROUND), conduction=True)["R_u"].value, rel=1e-3
     )
+
+
+def test_a_flow_in_the_table_is_not_left_out_in_silence(tmp_path):
+    """Bug: with a flow in the table and none in the form, each cell had coolant of its own, and nothing said so."""
+    table = tmp_path / "x.csv"
+    table.write_text("time_s,current_A,coolant_inlet_C,surface_1_C,surface_5_C,coolant_flow_m3_s\n0,1,25,25,25,0.01\n")
+    form = {"cell": f"{ROUND} forced", "cells": "5"}
+    files = {"tables": [str(table)], "model": "", "columns": [], "form": form}
+    with pytest.raises(UsageError, match=r"column 'coolant_flow_m3_s' is a coolant flow of 0.01 to 0.01 m³/s: state"):
+        with_model(files, tmp_path)
+    conditions = {}
+    for flow in ("0", "600"):
+        made = with_model(files | {"form": form | {"flow": flow}}, tmp_path)
+        conditions[flow] = read_model(made["model"]).condition
+    assert conditions == {"0": "natural", "600": "full"}
 
 
 def test_what_flows_is_asked_for(tmp_path):

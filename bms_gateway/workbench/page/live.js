@@ -111,7 +111,7 @@ function picture(p) {
   });
   card("hottest", "Hottest point", hot ? point(hot.centre, hot.within) : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C${dark ? `; ${many(dark, "cell")} not known` : ""}` : "");
   const b = p.bus;
-  card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
+  card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} ${b.per_s === 1 ? "frame" : "frames"}/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
   card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "All that came are used.");
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
@@ -187,21 +187,25 @@ function card(id, title, value, line) {
   put($(`${id}-title`), title); put($(`${id}-value`), value); put($(`${id}-line`), line);
 }
 
+// Whether it is the core that is not known: a core is known, too, where only its sensor's reading is not available.
+const unknownCore = (s, k) => about.words[s.quality[k]] === "not available" && s.core[k] === null;
+
 function row(r, s, state) {
   r.node.className = `live-string ${state}`;
   const limit = about.limits.core_C;
   for (const c of r.cells) {
     const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k], centre = s.centre[c.k];
+    const unknown = unknownCore(s, c.k);
     const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}`;
     if (c.last === now) continue;
     c.last = now;
     const word = about.words[q], hottest = Math.max(core ?? -Infinity, centre ?? -Infinity);
-    put(c.core, degrees(core)); put(c.half, half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
+    put(c.core, degrees(core)); put(c.half, unknown ? "not known" : half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
     const [red, green, blue] = core === null ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((hottest - limit + BELOW_K) / (BELOW_K - NEAR_K));
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
-    c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
+    c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" || unknown ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
+    c.node.title = `Cell ${c.k + 1}: ${unknown ? "core not known to 12 K (1 sd)" : `${word} (${about.why[q] ?? ""})`}; surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   const unknown = s.core.flatMap((x, k) => (x === null ? [k + 1] : [])); // one of them may be hotter
@@ -210,8 +214,9 @@ function row(r, s, state) {
   put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min, limited by cell ${f.limiting}` : `; no current keeps every hottest point, with its band, below the limit of ${plain(limit)} °C for 10 min: cell ${f.limiting}, now ${point(s.centre[tight], s.centre_half[tight])}, ${s.centre[tight] >= limit ? "is over it" : "may be over it without a load"}`}` : "");
   put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const by = new Map();
-  s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });
+  s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful" && !unknownCore(s, k)) by.set(w, [...(by.get(w) ?? []), k + 1]); });
   const bad = [...by].map(([w, k]) => (k.length > 1 ? `sensors ${counted(k)} are ${w}` : `sensor ${k[0]} is ${w}`));
+  if (s.quality.some((_, k) => unknownCore(s, k))) bad.unshift(`${unknown.length > 1 ? "cores" : "core"} of cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)} not known`);
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
   put(r.heat, s.heat ? `Heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
   const flags = s.flags.map((f) => f.replaceAll("_", " ").replace(/:(\d+)$/, " of cell $1"));

@@ -477,7 +477,7 @@ function string() {
     const sensed = state.opened.sensors.includes(k);
     const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K, 2);
     const label = `cell ${k}: ${sensed ? (c ? `error ${K(c.error_K)}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
-      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K, 2)})` : `; core up to ${c.core_C.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)${assumed(c)}`);
+      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K, 2)})` : `; core up to ${c.core_C.toFixed(1)} °C; ± ${K(c.core_95_K)} (95 %, rms over the record)${assumed(c)}`);
     if (k === ui.cell) $("cell-told").textContent = `${label[0].toUpperCase()}${label.slice(1)}`; // all that a finger can reach
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,
