@@ -63,7 +63,7 @@ def summary(models: Sequence[Shown]) -> str:
     lost, stuck, odd, alike = unlearnt(last_fit), at_limits(last_fit), astray(last_fit), together(last_fit, short=True)
     lines = [f"at a limit, so not used: {', '.join(stuck)}"] if stuck else []
     lines += [f"far from what was known, yet no better known: {', '.join(odd)}"] if odd else []
-    lines += [f"these stay as they were known before: {', '.join(lost)}"] if lost else []
+    lines += [f"these are known no better than before: {', '.join(lost)}"] if lost else []
     apart = f", but hardly apart: {'; '.join(alike[:PAIRS])}" if alike else ""
     line = "; ".join(lines) or f"the data say something of every free parameter{apart}"
     found.append(Card("Not identifiable", f"{len(lost)} of {free(last_fit)} parameters" if lost else "nothing", line))

@@ -295,6 +295,16 @@ def test_an_inlet_that_is_missing_or_stuck_for_long_is_told():
     assert not {"inlet_missing", "inlet_stuck"} & set(findings(c, coolant_inlet_C=np.full(3001, 22.0)))
 
 
+def test_an_inlet_that_is_missing_with_the_current_is_not_called_bridged():
+    """Bug: beside "the record is taken as 2 parts" stood that the inlet of this gap was bridged by straight lines."""
+    c = rows()
+    for name in ("current_A", "coolant_inlet_C"):
+        c[name][1001:1400] = np.nan
+    assert "inlet_missing" not in findings(c)
+    c["coolant_inlet_C"][2001:2400] = np.nan
+    assert "missing for 400 s" in findings(c)["inlet_missing"].sentence
+
+
 def test_a_current_that_passes_through_zero_does_not_rest():
     c = rows()
     wave = 20.0 * np.sin(2 * np.pi * (c["time_s"] + 0.3) / 60.0) - 0.5

@@ -3,13 +3,17 @@
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
 from bms_gateway.diagnosis.adding import UNKNOWN, Wanted, add_effects
 from bms_gateway.diagnosis.core_band import UNPROVEN
+from bms_gateway.diagnosis.core_known import farthest
 from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.verdict_parts import errors
+from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import headline
 from bms_gateway.report.added import added_report
 from bms_gateway.report.core_text import UNKNOWN_K, core_sentence
@@ -97,3 +101,19 @@ def test_what_other_numbers_do_is_no_merit_of_what_was_added():
     assert all(len(x.replace(".", "").lstrip("0")) <= 3 for x in re.findall(r"\d+\.\d+", said))
     near = replace(report, before=replace(report.before, errors=replace(report.before.errors, closest_K=before)))
     assert "other numbers" not in headline(near)
+
+
+def test_only_a_number_of_the_cells_that_is_far_is_to_be_corrected_in_the_file() -> None:
+    """Bug: a C_s at half an sd was to be corrected, while a number of the effect lay 3.6 sd from what was known."""
+    one = SimpleNamespace(prior=0.0, sd=1.0, only_start=False)
+    C_s, R_e = (SimpleNamespace(**vars(one), name=name, effect=None) for name in ("C_s", "R_e"))
+    P = SimpleNamespace(**vars(one), name="core_loss.P", effect="core_loss")
+
+    def found(**moved: float) -> str:
+        theta = np.array([moved.get("C_s", 0.0), moved.get("R_e", 0.0), moved.get("P", 0.0)])
+        problem = SimpleNamespace(coordinates=[C_s, R_e, P])
+        return farthest(cast("MapFit", SimpleNamespace(problem=problem, theta=theta)))
+
+    assert found(C_s=0.5, P=-3.6) == ""
+    assert found(C_s=0.5, R_e=-2.9) == ""
+    assert found(C_s=3.2, R_e=-4.0, P=3.6) == "R_e"

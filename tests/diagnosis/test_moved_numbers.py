@@ -41,7 +41,7 @@ def test_a_number_that_moved_is_not_said_to_be_as_it_was_known(compared, sds, st
     assert statuses(other)[i].startswith(status)
     label = called(fit.problem.coordinates[i])
     card = summary([replace(Shown.of("x", compared), fit=other)]).partition("Not identifiable")[2]
-    kept = card.partition("these stay as they were known before: ")[2]
+    kept = card.partition("these are known no better than before: ")[2]
     assert (label in kept) == (status == UNIDENTIFIABLE)
     assert ("far from what was known, yet no better known: " in card) == (status == MOVED)
     assert ("at a limit, so not used: " in card) == (status == AT_BOUND)

@@ -237,6 +237,15 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
             assert f"hottest point {said}".lower() in page.run(words, 0).lower()
             assert f"hottest point {said}" in page.run("return document.querySelector('.live-cell').title")
             assert page.text("#hottest-value") == said
+
+        # bug: healthy sensors were called not available where it was the core that was not known
+        page.run(
+            "const p = structuredClone(last), s = p.strings[0]; s.core[0] = s.half[0] = s.centre[0] = null;"
+            "s.quality[0] = 3; show(p);"
+        )
+        assert "core of cell 1 not known" in page.run(words, 0).lower()
+        assert "sensor 1 is not available" not in page.run(words, 0).lower()
+        assert "bad" not in page.run("return document.querySelector('.live-cell').className")
         assert "internal resistance (r_e)" in told.lower()
         assert page.complaints() == []
 
