@@ -13,7 +13,7 @@ import pytest
 
 from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.report.diagnosis_text import with_sd
-from bms_gateway.report.show import number
+from bms_gateway.report.show import kelvins
 from bms_gateway.report.step_names import FILED, REFITTED, titled, with_added
 from bms_gateway.report.words import named_all
 from bms_gateway.thermal import KINDS
@@ -121,7 +121,7 @@ def test_a_step_has_one_name_on_terminal_page_and_report(road):
 
 
 def test_words_and_reports_show_these_errors(road):
-    before, after = ([number(road.json["add"][side][k], 3) for k in SAME] for side in ("before", "after"))
+    before, after = ([kelvins(road.json["add"][side][k]) for k in SAME] for side in ("before", "after"))
     row = next(line for line in road.text["add"].splitlines() if re.match(r"(all|surface 1) ", line))
     if "surface 3" not in road.text["add"]:
         assert row.split()[2:6] == [before[0], after[0], before[1], after[1]]
