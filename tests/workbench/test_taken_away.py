@@ -43,7 +43,7 @@ def opened(server, desk, pack, table):
     """Upload a pack's table, describe the cell in the form, and open them."""
     where = f"?desk={desk.name}"
     ask(server, "POST", f"/api/upload{where}&name={quote(table)}", pack.hidden.read_bytes(), **BYTES)
-    body = {"tables": [table], "model": "", "form": {"cell": "a123_32157", "cells": "3"}}
+    body = {"tables": [table], "model": "", "form": {"cell": "a123_32157", "cells": "3", "flow": "0"}}
     assert ask(server, "POST", f"/api/open{where}", json.dumps(body), **JSON)[0] == 200
     return done(desk)
 
