@@ -28,7 +28,7 @@ def test_a_tap_and_the_keys_show_what_a_pointer_shows(window, axe, tmp_path):
         told = page.text("#cell-told")
         assert told.startswith("Cell 3: error ")
         assert "; core up to " in told
-        assert told.endswith("(95 %)")
+        assert told.endswith("(95 %, rms over the record)")
         assert told.lower() == page.run("return document.querySelector('#cell-3').title").lower()
 
         assert page.run(TOLD).startswith("Tap a value")
