@@ -26,7 +26,7 @@ from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD
 from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
 from bms_gateway.diagnosis.core_band import core_moved
-from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
+from bms_gateway.diagnosis.error_words import course, falls, half_width, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
@@ -272,12 +272,12 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
         return d
     if odd := tuple(o.says for o in odd_fitted(d.search.final)):
         d = replace(d, more=f"{d.more} {' '.join(odd)}", alarms=odd)
-    moved, half_width = core_moved(d.search.baseline, d.search.final)
-    if moved > half_width:
+    moved, half_K = core_moved(d.search.baseline, d.search.final)
+    if moved > half_K:
         return d
     doubt = (
-        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K (95 %) to which the "
-        "fits of this search know it."
+        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width(half_K)} K (95 %) to which "
+        "the fits of this search know it."
     )
     return replace(d, more=f"{d.more} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
 

@@ -1,9 +1,11 @@
-"""Words used wherever a model is compared before and after a step."""
+"""Words for errors and bands, used wherever a model is judged or compared before and after a step."""
 
 from collections.abc import Callable
 
 LEAST = 0.02
 """Relative change of an error below which it is called unchanged, because no user could act on it."""
+WIDE_K = 10.0
+"""Half width of a band above which it is given in whole kelvins."""
 UNKNOWN = "Something unknown remains beside what was added."
 """A doubt about a model; its file carries the sentence."""
 
@@ -50,6 +52,17 @@ def course(before: float, after: float, show: Callable[[float], str] = "{:.2g}".
     if rises(before, after) and one != other:
         return f"rises from {one} to {other} K"
     return f"stays at {other} K"
+
+
+def half_width(half_K: float) -> str:
+    """Write the half width of a band, K, to no more digits than a band has a meaning.
+
+    Examples
+    --------
+    >>> half_width(1.404), half_width(35.28)
+    ('1.40', '35')
+    """
+    return f"{half_K:.{2 if half_K < WIDE_K else 0}f}"
 
 
 def why_not(before: float, after: float) -> str:

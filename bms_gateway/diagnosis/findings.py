@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
-from bms_gateway.diagnosis.error_words import falls, rises
+from bms_gateway.diagnosis.error_words import falls, half_width, rises
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
@@ -99,21 +99,21 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
     core = f"the core of cell {k + 1}"
     if any(s.disagrees for s in sensors) and proven and name != "filed":
         said = "The bands of the cores hold the error that the model leaves at the surfaces"
-        text = f"{said}: {core} may be {_half(half[k])} K off (95 %)."
+        text = f"{said}: {core} may be {half_width(half[k])} K off (95 %)."
     elif any(s.disagrees for s in sensors):
         judged = ", by what refitting moves" if name == "filed" else ""
         said = "The core estimates are unreliable while the model does not explain the surfaces"
         if half[k] <= LARGE_CORE_K:
             said = "The model does not wholly explain the surfaces"
-        text = f"{said}: {core} may be {_half(half[k])} K off or more{judged}."
+        text = f"{said}: {core} may be {half_width(half[k])} K off or more{judged}."
     elif half[k] > LARGE_CORE_K or not proven:
         more = "" if proven else ", or more"
         text = (
-            f"The surfaces agree, yet {core} could be {_half(half[k])} K wrong (95 %){more}: they alone do not settle "
-            "it."
+            f"The surfaces agree, yet {core} could be {half_width(half[k])} K wrong (95 %){more}: they alone do not "
+            "settle it."
         )
     else:
-        text = f"The cores are known to {_half(half[k])} K (95 %, cell {k + 1} least)."
+        text = f"The cores are known to {half_width(half[k])} K (95 %, cell {k + 1} least)."
     if k + 1 in {s.cell for s in sensors}:
         return (text,)
     return (
@@ -297,8 +297,3 @@ def _when(blocks: Sequence[Block], records: int) -> str:
         where = f" of record {b.record + 1}" if records > 1 else ""
         parts.append(f"{b.first_s / 60:.{places}f} to {b.last_s / 60:.{places}f} min{where}")
     return f"{100.0 * told:.0f} % of the error lies at {', '.join(parts)}."
-
-
-def _half(half_K: float) -> str:
-    """Write the half width of a band, K, never with a power of ten."""
-    return f"{half_K:.2g}" if half_K < 9.95 else f"{half_K:.0f}"

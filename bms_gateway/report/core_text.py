@@ -8,6 +8,7 @@ import numpy as np
 from bms_gateway.diagnosis.core_band import BAND_SD
 from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.error_words import half_width
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.report.show import number
@@ -15,8 +16,6 @@ from bms_gateway.report.words import in_words, parameters_labelled
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
-WIDE_K = 10.0
-"""Half width of a band above which it is given in whole kelvins."""
 SEEN, USUAL = 0.5, 5.0
 """Per cent of the readings outside the band: below the first none is mentioned, up to the second the band allows
 them."""
@@ -51,17 +50,6 @@ def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]
     said = rests_on(core.unseen, core.unlike) or None
     found = {"proven": core.proven, "sd_K": core.sd_K, "centre_sd_K": core.centre_sd_K, "why": list(core.why)}
     return {**found, "rests_on": said}
-
-
-def half_width(half_K: float) -> str:
-    """Write the half width of a band, K, to no more digits than a band has a meaning.
-
-    Examples
-    --------
-    >>> half_width(1.404), half_width(35.28)
-    ('1.40', '35')
-    """
-    return number(half_K, 2 if half_K < WIDE_K else 0)
 
 
 def core_sentence(core: KnownCore) -> str:

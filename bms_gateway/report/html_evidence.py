@@ -6,10 +6,11 @@ from html import escape
 from bms_gateway.diagnosis.core_band import half_width_K
 from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import unlike, unseen
+from bms_gateway.diagnosis.error_words import half_width
 from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.core_text import UNKNOWN_K, half_width, rests_on
+from bms_gateway.report.core_text import UNKNOWN_K, rests_on
 from bms_gateway.report.html_correlation import together
 from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay, residual_map
 from bms_gateway.report.html_ranking import follows_table

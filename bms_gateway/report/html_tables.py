@@ -10,12 +10,13 @@ from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, MOVED, UNI
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnosis.core_check import CoreCheck, outside
 from bms_gateway.diagnosis.curve import Curve
+from bms_gateway.diagnosis.error_words import half_width
 from bms_gateway.diagnosis.misfit import Level, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.errors import counted
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.core_text import UNKNOWN_K, half_width
+from bms_gateway.report.core_text import UNKNOWN_K
 from bms_gateway.report.diagnosis_text import WITH_SD, with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table

@@ -55,7 +55,7 @@ def test_a_core_that_is_not_proven_may_be_further_off_in_every_case(thinned, hal
     ]
     (said,) = core_sentences(bands, sensors, name, proven=False)
     assert AGAINST in said
-    assert f"{half_K:.2g} K" in said
+    assert f"{half_K:.2f} K" in said  # with the digits of the head
     (said,) = core_sentences(bands, sensors, "refitted", proven=True)
     assert AGAINST not in said
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.few_thermocouples import cooled
 from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.heat_end import cooled
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bms_gateway.health.heat.few_thermocouples import cooled
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
@@ -21,6 +20,8 @@ ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
 """Heat has ended if its estimate is below so many sd for the time of the second number, s, and if estimate and one sd
 together are below the last number as a share of the heat that was found. In strings with few thermocouples, as many sd
 as the first number take the place of the one."""
+COOLED = 0.8
+"""Share of the greatest gap between surface and coolant since heat was found, below which a cell has cooled."""
 
 
 def heat_there(f: HeatFilter, s: int, place: int, places: Sequence[int]) -> tuple[float, float]:
@@ -74,3 +75,32 @@ def has_ended(f: HeatFilter, s: int, g: Finding, gaps: Floats, heats: Sequence[F
     if f.calm[s]:
         return cools and (low or (cold and now + sd < g.size))
     return low
+
+
+def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats, others: Bools) -> bool:
+    """Return whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
+
+    A cell that still heats does not cool beside the others; the estimate of its heat alone may be wrong by a multiple.
+    Where no other thermocouple shows a cell without heat, current and coolant move the gap as the end of heat does:
+    a string with few thermocouples is judged by it at rest, and any other string counts as cooled.
+
+    Parameters
+    ----------
+    f : HeatFilter
+    s : int
+        String.
+    g : Finding
+    gaps : ndarray (m,), K
+        Surfaces over the coolant, at the thermocouples.
+    others : ndarray of bool (m,)
+        Thermocouples that show cells without heat.
+    """
+    gap, beside = float(gaps[int(f.at.apart(s, g.place).argmin())]), bool(others.any())
+    if not beside and not f.usual.alone[s]:
+        return True
+    if beside:
+        gap -= float(np.median(gaps[others]))
+    if beside != g.beside:  # another quantity: its greatest value is not known yet
+        g.beside, g.warmest = beside, gap
+    g.warmest = max(g.warmest, gap)
+    return gap < COOLED * g.warmest

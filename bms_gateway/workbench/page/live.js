@@ -205,7 +205,7 @@ function row(r, s, state) {
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" || unknown ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${unknown ? "core not known to 12 K (1 sd)" : `${word} (${about.why[q] ?? ""})`}; surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
+    c.node.title = `Cell ${c.k + 1}: ${unknown ? `core not known to ${about.available.K} K (1 sd)` : `${word} (${about.why[q] ?? ""})`}; surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   const unknown = s.core.flatMap((x, k) => (x === null ? [k + 1] : [])); // one of them may be hotter
