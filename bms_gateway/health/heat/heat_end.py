@@ -84,16 +84,7 @@ def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats, others: Bools) -> bo
     Where no other thermocouple shows a cell without heat, current and coolant move the gap as the end of heat does:
     a string with few thermocouples is judged by it at rest, and any other string counts as cooled.
 
-    Parameters
-    ----------
-    f : HeatFilter
-    s : int
-        String.
-    g : Finding
-    gaps : ndarray (m,), K
-        Surfaces over the coolant, at the thermocouples.
-    others : ndarray of bool (m,)
-        Thermocouples that show cells without heat.
+    Parameters are those of `has_ended`; `others` (m,): thermocouples that show cells without heat.
     """
     gap, beside = float(gaps[int(f.at.apart(s, g.place).argmin())]), bool(others.any())
     if not beside and not f.usual.alone[s]:
