@@ -42,6 +42,8 @@ CANNOT_TELL = "These records cannot tell"
 LACKING = "these records lack something that is in no catalogue"
 SEARCH = 0.8
 """Share of the work of an addition that is the search, where it is not known."""
+MOST = 0.25
+"""Largest share of the held-out error that an effect may leave, if something that no effect explains acts beside it."""
 WAYS = 4
 """Number of starts and places of one effect that are refitted; the others are less promising by the screening."""
 
@@ -82,6 +84,8 @@ class Step:
         Reasons of the search why the core with these effects is not proven, a sentence each.
     tied : mapping of key to tuple of str
         Effects that these records cannot tell from each added one.
+    in_part : bool
+        Whether the only reason of the refusal is that something is missing which no effect explains.
     """
 
     added: tuple[Candidate, ...]
@@ -91,6 +95,7 @@ class Step:
     remark: str
     doubts: tuple[str, ...] = ()
     tied: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    in_part: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,10 +260,13 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
     before = known_core(model, records, d.identified[0], d.search.asked)
     same = bool(d.selected) and step.after is d.with_selected
     found = d.identified[1] if same else identify(starting_with(step.after, model), records)
+    held_K = [errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit)]
+    if step.in_part and held_K[1] <= MOST * held_K[0]:
+        # refused, it would leave the user with the larger error; the core stays unproven
+        step = replace(step, refused="", remark=f"{step.refused[:1].upper()}{step.refused[1:]}.")
     # a later step may prove the core, but not if something was added against the records
     said = [*earlier_forced(model), *step.doubts]
     said += [f"{FORCED}: {step.refused}."] if step.refused else []
-    held_K = (errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit))
     said += [] if falls(*held_K) else ["The error where nothing was fitted does not fall with what was added."]
     written, after = judged_model(found, model, records, said, before=before)
     own = {f.name: getattr(step, f.name) for f in fields(step)}
@@ -321,7 +329,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     inflation = structure(after).inflation
     odds = (after.log_evidence - before.log_evidence) / inflation
     odds += sum(prior_odds(c, offered) for c in added) - HALF
-    refused = unbelievable(after, added)
+    refused, in_part = unbelievable(after, added), False
     remark = ""
     tied = {x.candidate.key: x.tied_with for x in d.selected if x.candidate in added}
     if all(any(w.meets(c) for c in named) for w in wants):
@@ -335,7 +343,9 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
         elif refused:
             refused = f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
     else:
-        refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants, before, after)
+        refused = refused or gate(before, after, odds, inflation, s)
+        in_part = not refused and d.verdict == "unknown_effect"
+        refused = refused or _contradiction(d, wants, before, after)
         them = ", ".join(c.key for c in named)
         remark = "" if refused else f"{CANNOT_TELL} it from {them}."
         tied = {} if refused else {c.key: _likelier(d, c.key) for c in added}
@@ -343,7 +353,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
             tied = {}
             remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
     said = (*_doubts(d), *([remark] if remark else []))
-    return Step(tuple(added), after, float(odds), refused, remark, said, tied)
+    return Step(tuple(added), after, float(odds), refused, remark, said, tied, in_part)
 
 
 def _likelier(d: Diagnosis, key: str) -> tuple[str, ...]:
