@@ -265,7 +265,7 @@ class Watch:
             "problem": self.problem,
             "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
             "last": round((self.ticks.last_ns - first) * 1e-9, 3),
-            "first_s": first * 1e-9,
+            "first_s": first / 1e9,
             "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
             "age": round(age, 1),
             "silent": round(silent, 1),
@@ -295,7 +295,7 @@ class Watch:
                 return {"t": [], "marks": []}
             ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self.ticks.first_ns
             marks = self.events.marks(self._engine.strings[string].plan.name, *ends, first)
-        return {**history(ticks, string, first), "marks": marks, "first_s": first * 1e-9}
+        return {**history(ticks, string, first), "marks": marks, "first_s": first / 1e9}
 
     def table(self, name: str, span_s: float, ends: Ends | None = None) -> Iterator[bytes]:
         """Write the estimates as CSV; the stretch is that of `history`, the clock that of the frames."""
@@ -326,7 +326,10 @@ class Watch:
             return self.events.table()
 
     def stretch_ns(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, int]:
-        """Return the first and the last moment, ns, of the estimates in a stretch, which is that of `history`.
+        """Return the first and the last moment, ns, of the signals in a stretch, which is that of `history`.
+
+        They are those of its first and its last estimate. The very first estimate stands at the end of the tick whose
+        signals it is made of: the stretch then begins with this tick, or where it was asked to begin within it.
 
         Raises
         ------
@@ -334,10 +337,16 @@ class Watch:
             There are no estimates.
         """
         with self._lock:
-            ticks = self.ticks.back(*self._stretch(name, span_s, ends))
+            until_ns, length_s = self._stretch(name, span_s, ends)
+            ticks = self.ticks.back(until_ns, length_s)
         if not ticks:
             raise UsageError("window: nothing has been heard yet")
-        return ticks[0].time_ns, ticks[-1].time_ns
+        first_ns = ticks[0].time_ns
+        if first_ns == self.ticks.first_ns:
+            began_ns = first_ns - self._engine.plan.tick_ns
+            asked_ns = until_ns - int(length_s * 1e9) if length_s > 0.0 else began_ns
+            first_ns = min(max(began_ns, asked_ns), first_ns)
+        return first_ns, ticks[-1].time_ns
 
     def refused(self, string: int, first_ns: int, last_ns: int) -> dict[int, str]:
         """Return the cells of a string (from 0) whose thermocouple is not to be used in a stretch, and why."""

@@ -72,8 +72,20 @@ def test_signals_and_estimates_of_a_stretch_have_one_clock_and_the_same_ends(wat
     estimated = float(rows[0]["time_s"]), float(rows[-1]["time_s"])
     signals(watch, "test", 1, span, ends, tmp_path / "window.csv")
     heard = [float(line.split(",")[0]) for line in (tmp_path / "window.csv").read_text().splitlines()[1:]]
+    if not any(
+        wanted
+    ):  # bug: the signals of the very first estimate, which stands at the end of its second, were left out
+        estimated = estimated[0] - 1.0, estimated[1]
     assert estimated[0] <= heard[0] <= heard[-1] <= estimated[1]
     assert (heard[0], heard[-1]) == pytest.approx(estimated, rel=0.0, abs=0.2)  # signals come ten times a second
+
+
+def test_a_stretch_may_begin_within_the_first_second(watch, tmp_path):
+    watch.steer("test", {"play": False, "seek": 120})
+    first = json.loads(next(watch.stream("test")))["first_s"]
+    signals(watch, "test", 1, 0.0, (first - 0.5, first + 30.0), tmp_path / "window.csv")
+    table = read_table(tmp_path / "window.csv")
+    assert table.time_s[-1] - table.time_s[0] == pytest.approx(30.5, abs=0.2)
 
 
 @pytest.mark.parametrize("wrong", [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (1.0, 1e11), (float("nan"), 1.0)])
@@ -96,6 +108,10 @@ SHOWN = "const p = document.querySelector('#past'); return Number(p.dataset.poin
 ENDS = "return ['from', 'to'].map(k => Number(document.querySelector('#past-' + k).dataset.s))"
 
 
+def clock(s):
+    return f"{int(s) // 3600}:{int(s) // 60 % 60:02}:{int(s) % 60:02}"
+
+
 @pytest.mark.plain_cases(1)
 def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
     with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
@@ -105,6 +121,10 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
         page.wait(SHOWN + " === 191")
         first = page.run(ENDS)[0]
+        if first < BEGAN_S:  # bug: the page's clock was a second behind its own files
+            told = page.run("return fetch(document.querySelector('#export').href).then(r => r.text())")
+            shown_s = float(list(csv.DictReader(io.StringIO(told)))[-1]["time_s"])
+            assert page.text("#at") == f"{clock(shown_s)} of 0:03:19"  # the last whole second of the log
         page.run("document.querySelector('#past').scrollIntoView({block: 'center'})")
 
         def point(kind, share):
@@ -126,14 +146,14 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         assert wall is (first > 1e9)
         local = "return new Date(1e3 * arguments[0]).toLocaleString('sv-SE')"  # as this page writes it in any language
         for field, s in (("from", 30), ("to", 90)):
-            text = page.run(local, first + s) if wall else f"0:{s // 60:02}:{s % 60:02}"
+            text = page.run(local, first + s) if wall else clock(first + s)
             write = "const f = document.querySelector(arguments[0]); f.focus(); f.value = arguments[1];"
             page.run(write, f"#past-{field}", text)
             page.press("Enter")
             page.wait("return document.querySelector('#past-span').value === 'chosen'")
         page.wait(SHOWN + " === 61")
         assert page.run(ENDS) == [first + 30.0, first + 90.0]
-        page.run(write, "#past-to", page.run(local, first + 10) if wall else "0:00:10")
+        page.run(write, "#past-to", page.run(local, first + 10) if wall else clock(first + 10))
         page.press("Enter")
         assert page.text("#error-text") == "The end of the stretch must be after its start"
         if not wall:

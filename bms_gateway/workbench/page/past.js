@@ -53,10 +53,10 @@ function choose(from, to) {
   anew();
 }
 
-// Start and end as a person reads and writes them: local date and time where the frames have the time of the wall, else since their beginning.
+// Start and end as a person reads and writes them: local date and time where the frames have the time of the wall, else as their own clock counts.
 const dated = () => latest?.wall_ms != null;
 const written = (s) => {
-  if (!dated()) return clock(s - shown.first_s);
+  if (!dated()) return clock(s);
   const at = new Date(1e3 * s), two = (x) => String(x).padStart(2, "0");
   return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${[at.getHours(), at.getMinutes(), at.getSeconds()].map(two).join(":")}`;
 };
@@ -72,7 +72,7 @@ function local(text, beside) {
 function moment(text, beside) {
   if (dated()) return local(text, beside);
   const parts = text.trim().split(":").map((x) => (/^\d+([.,]\d+)?$/.test(x) ? Number(x.replace(",", ".")) : NaN));
-  return parts.length <= 3 ? shown.first_s + parts.reduce((all, x) => 60 * all + x, 0) : NaN;
+  return parts.length <= 3 ? parts.reduce((all, x) => 60 * all + x, 0) : NaN;
 }
 
 function fields() {

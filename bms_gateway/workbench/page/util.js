@@ -129,7 +129,7 @@ export function amount(x, digits = 3) {
 }
 
 // A time of the live page, in s since its beginning: that of the wall where the frames have it, with its date where it is of another day
-// than what stands beside it.
+// than what stands beside it; otherwise that of the frames' own clock, as in the files.
 export const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 // By the beginning of the run, which is the same in every picture: by the moment that is shown, times would waver by a rounding.
 export const wallMs = (p, at) => (p.wall_ms === null ? null : 1e3 * (p.first_s + at));
@@ -138,7 +138,7 @@ export const moment = (ms, beside = Date.now()) => {
   const [one, other] = [new Date(ms), new Date(beside)], time = [one.getHours(), one.getMinutes(), one.getSeconds()].map(two).join(":");
   return one.toDateString() === other.toDateString() ? time : `${one.getFullYear()}-${two(one.getMonth() + 1)}-${two(one.getDate())} ${time}`;
 };
-export const when = (p, at, beside) => { const ms = wallMs(p, at); return ms === null ? clock(Math.max(at, 0)) : moment(ms, beside ?? Date.now()); };
+export const when = (p, at, beside) => { const ms = wallMs(p, at); return ms === null ? clock(Math.max(p.first_s + at, 0)) : moment(ms, beside ?? Date.now()); };
 
 // A table that is wider than its place says that it scrolls.
 const sizes = new ResizeObserver((all) => all.forEach(({ target }) => target.classList.toggle("more", target.scrollWidth > target.clientWidth + 1)));
