@@ -4,7 +4,7 @@ Alerts belong to the engine and not to the service, so that logged traffic gives
 Conditions that only a live service can know (the interface, the disk, its own parts) belong to the service.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from bms_gateway.engine.readings import Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Alerts, AlertSettings, Condition
 from bms_gateway.health.confirm import Confirm, Surfaces
+from bms_gateway.health.endings import Endings
 from bms_gateway.health.limits import Limits, Points, Sensed
 from bms_gateway.health.nearing import Nearing
 from bms_gateway.health.runaway import Runaway
@@ -47,7 +48,9 @@ class Alerting:
 
     def __init__(self, settings: AlertSettings, inputs: Inputs, estimators: Estimators) -> None:
         self._inputs, self._estimators = inputs, estimators
-        self.alerts = Alerts(grace_s=settings.grace_s, hold_s=settings.hold_s, clear_s=settings.clear_s)
+        hold_s, clear_s = settings.hold_s, settings.clear_s
+        self.alerts = Alerts(grace_s=settings.grace_s, hold_s=hold_s, clear_s=clear_s, ended=self._ended)
+        self._endings = Endings()
         names, self._parts = [s.plan.name for s in estimators.strings], [s.mine for s in estimators.strings]
         stale_s = inputs.stale_s()
         self.limits = Limits(names, self._parts, settings.core_max_C, settings.surface_limit_C, stale_s)
@@ -55,14 +58,14 @@ class Alerting:
         rise, cools_s = np.array([_least_rise(m) for m in models]), np.array([_longest_s(m) for m in models])
         self._confirm = Confirm(self._parts, rise, cools_s)
         self.runaway = Runaway(names, self._parts)
-        self._nearing = [Nearing(name, settings.core_max_C) for name in names]
+        self._nearing = {name: Nearing(name, settings.core_max_C) for name in names}
         self._sizes = [p.stop - p.start for p in self._parts]
         self._paused = False
 
     def wake(self, start_ns: int) -> None:
         """Start the grace time: at the first tick, and after each silence of the bus."""
         self.alerts.begin(start_ns / 1e9)
-        for n in self._nearing:
+        for n in self._nearing.values():
             n.forget()
 
     def sense(self, readings: Readings, t1: int, heard: int) -> list[Event]:
@@ -126,13 +129,27 @@ class Alerting:
         if self._paused and pause_s < QUIET_S:
             self.alerts.begin(now_s)
         self._paused = pause_s >= PAUSE_S
-        for nearing, s in zip(self._nearing, self._estimators.strings, strict=True):
+        for nearing, s in zip(self._nearing.values(), self._estimators.strings, strict=True):
             if silent or pause_s >= PAUSE_S:  # forecasts go on for a while, of a load that nobody measures
                 nearing.silent(pause_s)
             elif s.forecast is not None and s.forecast.time_ns == t1:
                 nearing.take(s.forecast.approach(), s.forecast.peak)
-        changes = self.alerts.update(now_s, list(self._conditions(quiet=pause_s >= QUIET_S)), last=silent)
+        now = list(self._conditions(quiet=pause_s >= QUIET_S))
+        self._endings.see(now, quiet=pause_s >= QUIET_S)
+        changes = self.alerts.update(now_s, now, last=silent)
         return [Alerted(t1, change) for change in changes]
+
+    def hear(self, events: Iterable[Event]) -> None:
+        """Take the events since the last `step`: a notice that a fault has ended gives the reason to its alert."""
+        for e in events:
+            if isinstance(e, Notice) and e.level is Level.NOTICE:
+                code = "ageing" if e.code == "baseline" else e.code
+                self._endings.take(code, e.string or "", e.part, e.cell, e.text)
+
+    def _ended(self, last: Condition) -> Condition:
+        """Return the condition of an alert that ends now with the sentence that says why."""
+        nearing = self._nearing.get(last.string or "") if last.name == "forecast" else None
+        return self._endings.of(last, self.limits.why_over(last) if nearing is None else nearing.why_over)
 
     def _wrong(self) -> NDArray[np.bool_]:
         """Which cells (N,) have a thermocouple that is reported to be wrong: alone, it ends no alarm."""
@@ -149,7 +166,7 @@ class Alerting:
         if not quiet:
             yield from of_inputs(self._inputs, strings)
         yield from of_strings(strings)
-        yield from (n.condition for n in self._nearing if n.condition is not None)
+        yield from (n.condition for n in self._nearing.values() if n.condition is not None)
 
     def acknowledge(self, string: str | None) -> bool:
         """End the alarms that only a person may end; return whether there were any.
@@ -160,6 +177,8 @@ class Alerting:
             None for all.
         """
         found = False
+        latched = (*self.runaway.conditions(), *self.limits.conditions())
+        self._endings.acknowledge(c for c in latched if string in (None, c.string))
         for s in self._estimators.strings:
             if string in (None, s.plan.name):
                 found |= self.runaway.acknowledge(s.mine)

@@ -18,6 +18,7 @@ batch may span both the start of the job and its due time.
 
 from collections import deque
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -292,7 +293,7 @@ class Engine:
 
     def _tick(self, samples: Samples, t1: int) -> None:
         """Estimate at the deadline `t1` from the samples of the interval that it closes; arm the next one."""
-        t0 = t1 - self._plan.tick_ns
+        t0, before = t1 - self._plan.tick_ns, len(self._queue)
         self._take_results(t1)
         readings = self.inputs.update(samples, t0, t1, self.estimators.newest.surface)
         if self.recording:
@@ -312,6 +313,7 @@ class Engine:
         for string, job in tick.jobs:
             self._queue.append(self._jobs.hand_out(string, job, t1, t1 + JOB_DUE_TICKS * self._plan.tick_ns))
         silent = t1 - self._heard >= self._plan.silent_after_ns
+        self.alerting.hear(islice(self._queue, before, None))
         self._queue.extend(self.alerting.step(t1, self._heard, silent=silent))
         if self.broadcast is not None:
             state = State.SILENT if silent else self._state(readings)
@@ -377,6 +379,7 @@ class Engine:
         done = found.health.reset(cell, reason, time_ns)
         if done:
             self._queue.append(Notice(self._tick_end or time_ns, Level.NOTICE, "baseline", done, string, cell))
+            self.alerting.hear([self._queue[-1]])
         return bool(done)
 
     def acknowledge(self, string: str | None, reason: str) -> bool:

@@ -10,7 +10,7 @@ Time is an argument; nothing here reads a clock.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final, Literal
 
@@ -145,6 +145,8 @@ class Alerts:
         See the module's text.
     also : callable, optional
         Gives alerts that other code has raised; `raised`, `severity` and `line` include them.
+    ended : callable, optional
+        Gives, for the last condition of an alert that ends, the same with the sentence that says why it has ended.
 
     Examples
     --------
@@ -164,11 +166,12 @@ class Alerts:
         hold_s: float = HOLD_S,
         clear_s: float = CLEAR_S,
         also: Callable[[], Sequence[Condition]] = tuple,
+        ended: Callable[[Condition], Condition] | None = None,
     ) -> None:
         self.grace_s, self.hold_s, self.clear_s = grace_s, hold_s, clear_s
         self._quiet_until_s = float("-inf")
         self._seen: dict[Key, _Seen] = {}
-        self._also = also
+        self._also, self._ended = also, ended or no_longer
 
     def begin(self, now_s: float) -> None:
         """Start the grace time: the service or the bus has just started."""
@@ -211,7 +214,7 @@ class Alerts:
                 del self._seen[key]
             elif last or seen.condition.settled or now_s - seen.last_s >= self.clear_s:
                 del self._seen[key]
-                changes.append(Change(seen.condition, raised=False))
+                changes.append(Change(self._ended(seen.condition), raised=False))
         return changes
 
     def go_on_from(self, others: "Alerts") -> None:
@@ -239,3 +242,8 @@ class Alerts:
         where = "" if raised[0].string is None else f"{raised[0].string}: "
         more = f" (and {len(raised) - 1} more)" if len(raised) > 1 else ""
         return f"{self.severity.name}: {where}{raised[0].text}{more}"
+
+
+def no_longer(last: Condition) -> Condition:
+    """Return the condition of an alert that ends because its condition does not exist any more."""
+    return replace(last, text=f"no longer so: {last.text}")

@@ -320,6 +320,27 @@ class Limits:
         self.lost[part] = self._failing[part] = False
         return bool(was | self.core.forget(part) | self.surface.forget(part))
 
+    def why_over(self, last: Condition) -> str:
+        """Say why the alarm with this last condition has ended, if it is one of a limit; else return "".
+
+        An acknowledgement ends alarms too, and is not known here.
+        """
+        if last.name not in ("core", "surface", "lost_in_heat") or last.string not in self._names or not last.cell:
+            return ""
+        cell, at = last.cell, self._parts[self._names.index(last.string)].start + last.cell - 1
+        if last.name == "lost_in_heat":
+            return f"thermocouple of cell {cell} reads again, and goes on from where it was"
+        if last.name == "surface":
+            of, end = self.surface, f"no surface is over the limit of {self.surface.limit:g} °C any more"
+            if self._now_s - of.last_s[at] <= self._unseen_s[at]:
+                return f"surface of cell {cell} reads {of.last[at]:.1f} °C: {end}"
+            return f"surface of cell {cell}: {self._last(of, at)}: {end}"
+        end = f"no hottest point is over the limit of {self.core.limit:g} °C any more"
+        value, sd, core = (float(x[at]) for x in self._points[:3])
+        if sd <= AVAILABLE_SD_K:
+            return f"hottest point of cell {cell} is {_banded(value, sd, core)}: {end}"
+        return f"hottest point of cell {cell} was seen below it and is not known to {AVAILABLE_SD_K:g} K now: {end}"
+
     def conditions(self) -> Iterator[Condition]:
         """List the strings with cells over a limit."""
         for what, limit in (("hottest point", self.core), ("surface", self.surface)):
@@ -352,7 +373,7 @@ class Limits:
         elif np.isfinite(self._points.value[at]):
             p = self._points
             value, sd, core = (float(x[at]) for x in p[:3])
-            now = f" is {value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
+            now = f" is {_banded(value, sd, core)}"
             if sd > UNKNOWN_SD_K and value - sd < limit.limit:  # a number would say nothing
                 now = f": not known now, {self._last(limit, at)}"
             elif sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
@@ -410,6 +431,10 @@ class Limits:
 def _cells(of: Sequence[int]) -> str:
     named = ", ".join(map(str, of[:NAMED])) + (f" and {len(of) - NAMED} more" if len(of) > NAMED else "")
     return f"cell{'s' if len(of) > 1 else ''} {named}"
+
+
+def _banded(value: float, sd: float, core: float) -> str:
+    return f"{value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
 
 
 def _trend(rate: float) -> str:

@@ -57,6 +57,8 @@ class Nearing:
     ----------
     condition : Condition or None
         The present warning.
+    why_over : str
+        Why the last warning has ended.
     """
 
     def __init__(self, string: str, limit_C: float) -> None:
@@ -65,9 +67,11 @@ class Nearing:
         self._since = 0  # forecasts after the last one that reaches the limit
         self._last: Approach | None = None
         self.condition: Condition | None = None
+        self.why_over = ""
 
-    def forget(self) -> None:
-        """End the warning: there is no forecast."""
+    def forget(self, why: str = "no forecast: the bus was silent") -> None:
+        """End the warning, as `why` says."""
+        self.why_over = why
         self._for = self._against = 0
         self.condition = None
 
@@ -82,14 +86,14 @@ class Nearing:
             Greatest temperature of any hottest point within ten minutes; NaN where unknown.
         """
         if approach is not None and approach.in_s <= 0.0:  # the limit is reached: its own alarm takes over
-            self.forget()
+            self.forget(f"hottest point of cell {approach.cell} has reached {self._limit:g} °C")
             return
         if approach is None:
             self._for = 0
             self._against = self._against + 1 if not hottest_C > self._limit - BACK_K else 0
             self._since += 1
             if self._against >= BACK_HOLD:
-                self.condition = None
+                self.forget(self._below(hottest_C))
             if self.condition is not None and self._last is not None:
                 self.condition = replace(self.condition, text=self._past(self._last, hottest_C))
             return
@@ -106,6 +110,12 @@ class Nearing:
                 f"silent ({_load(a.load_A)}, {duration(pause_s)} ago)"
             )
             self.condition = replace(self.condition, text=text)
+
+    def _below(self, hottest_C: float) -> str:
+        """Say that the warning has ended because no forecast has led to the limit for a while."""
+        if isfinite(hottest_C):
+            return f"the load does not lead to {self._limit:g} °C any more: at most {hottest_C:.1f} °C within 10 min"
+        return f"no forecast says any more that {self._limit:g} °C is reached: the temperatures are not known"
 
     def _past(self, a: Approach, hottest_C: float) -> str:
         """Say that the present load does not lead to the limit, but the load of a moment ago did."""

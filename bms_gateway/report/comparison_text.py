@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.misfit import Level
 from bms_gateway.diagnosis.record_finding import Finding
 from bms_gateway.diagnosis.regimes import Regime
-from bms_gateway.report.core_text import core_document, core_text
+from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_text
 from bms_gateway.report.diagnosis_text import LEFT, closer_numbers, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document
 from bms_gateway.report.show import kelvins, number, text_table
@@ -185,11 +185,14 @@ def _floor(level: Level) -> str:
 
 
 def _cores(bands: Sequence[CoreBand], several: bool) -> str:
+    """Hottest core of each cell with its 95 % band; for a core that is not known only the band, as on the page."""
     rows, half = [], half_width_K(bands)
     for b in bands:
         for k in range(b.T_c.shape[1]):
             where = ([str(b.record + 1)] if several else []) + [f"cell {k + 1}"]
-            rows.append([*where, number(b.T_c[:, k].max()), number(half[k]), number(b.T_centre[:, k].max())])
+            known = bool(half[k] <= UNKNOWN_K)
+            core, centre = (number(x[:, k].max()) if known else "not known" for x in (b.T_c, b.T_centre))
+            rows.append([*where, core, number(half[k]), centre])
     headers = (["record"] if several else []) + ["core", "hottest °C", "± 95 % K", "its centre °C"]
     return text_table(headers, rows, left=2 if several else 1)
 

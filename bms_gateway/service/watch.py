@@ -8,7 +8,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
@@ -20,7 +20,7 @@ from bms_gateway.engine.plan import Channel
 from bms_gateway.errors import counted
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import StringHealth
-from bms_gateway.health.alerts import Alerts, AlertSettings, Change, Condition, Severity
+from bms_gateway.health.alerts import Alerts, AlertSettings, Change, Condition, Severity, no_longer
 from bms_gateway.service.journal import NOTICE
 from bms_gateway.service.live import Gateway
 
@@ -35,6 +35,14 @@ BUS: Final = {
     Link.ABSENT: "there is no such interface: check the adapter and its driver",
     Link.BUS_OFF: "the controller is bus-off: check bit rate, termination and wiring",
 }
+ENDED: Final = {
+    "bus": "the bus can be read again",
+    "loss": f"no frame was lost for {EVENT_S:.0f} s",
+    "impostor": f"no frame of this node's identifiers came from another sender for {EVENT_S:.0f} s",
+    "fit": "the fits have results again",
+    "state": "the learnt state is saved again",
+}
+"""Why an alert of the service has ended."""
 
 
 class WatchedPlan(Protocol):
@@ -158,7 +166,11 @@ class Watch:
         self.gateway, self.engine, self.channel = gateway, engine, channel
         s = settings or AlertSettings()
         self.alerts = Alerts(
-            grace_s=s.grace_s, hold_s=s.hold_s, clear_s=s.clear_s, also=lambda: self.engine().alerts.raised
+            grace_s=s.grace_s,
+            hold_s=s.hold_s,
+            clear_s=s.clear_s,
+            also=lambda: self.engine().alerts.raised,
+            ended=_ended,
         )
         gateway.on_alert = self._tell
         self.listeners: list[Callable[[Change], None]] = []
@@ -230,6 +242,13 @@ class Watch:
             log.log(NOTICE, "over: %s%s", c.text, where, extra=extra)
         for listener in self.listeners:
             listener(change)
+
+
+def _ended(last: Condition) -> Condition:
+    """Return the condition of an alert that ends now with the sentence that says why."""
+    if (why := ENDED.get(last.name)) is None or last.part == "unread":
+        return no_longer(last)
+    return replace(last, text=why)
 
 
 @dataclass(slots=True)

@@ -177,9 +177,10 @@ class Events:
             if e.string != string or e.cell is None or e.time_ns > last_ns:
                 continue
             if e.code == "thermocouple" and e.state:
-                found[e.cell] = e.text
-                if e.state == "over" and e.time_ns < first_ns:
-                    del found[e.cell]
+                if e.state != "over":
+                    found[e.cell] = e.text
+                elif e.time_ns < first_ns:  # a later end says why it ended, not why the sensor was doubted
+                    found.pop(e.cell, None)
             elif e.code == "sensor" and e.part == "surface" and not e.state:
                 guard[e.cell] = e.text
                 if e.severity == Severity.OK:

@@ -8,7 +8,8 @@ import pytest
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.findings import core_sentences
-from bms_gateway.report.comparison_text import comparison_text
+from bms_gateway.report.comparison_text import comparison_document, comparison_text
+from bms_gateway.report.show import number
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log
 
@@ -65,3 +66,22 @@ def test_head_and_list_of_a_core_that_is_not_proven_say_the_same(thinned):
     found = compare(model, [record], replace(core, why=("A reason.",)))
     assert AGAINST in found.refitted.findings[-1]
     assert FOR not in comparison_text(found, [], [])
+
+
+def test_a_core_that_is_not_known_has_no_number_on_the_terminal_as_on_the_page(thinned):
+    # Bug: 48.4 ± 41.4 °C stood there as a result, where the page said "not known".
+    *_, found = thinned
+    limit = 1.96 * 12.0  # the gateway sends no core that is known to no better than 12 K
+    for half_K, known in ((0.99 * limit, True), (1.01 * limit, False)):
+        bands = [
+            replace(b, sd_K=np.full_like(b.sd_K, half_K / 1.96), remainder_K=0.0 * b.remainder_K, share=0.0)
+            for b in found.refitted.cores
+        ]
+        cored = replace(found, filed=replace(found.filed, cores=bands), refitted=replace(found.refitted, cores=bands))
+        tables = comparison_text(cored, [], []).split("± 95 % K")[1:]
+        rows = [next(x for x in t.splitlines() if x.strip().startswith("cell 1 ")) for t in tables]
+        assert len(rows) == 2  # from its file, and refitted
+        assert all(("not known" in x) is not known for x in rows)
+        assert all((number(bands[0].T_c.max()) in x) is known for x in rows)
+        (core,) = comparison_document(cored, [], [])["filed"]["core"]
+        assert core["max_C"] == pytest.approx([bands[0].T_c.max()], abs=0.01)  # the document keeps its fields

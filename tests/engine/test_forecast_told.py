@@ -82,8 +82,12 @@ def test_a_warning_of_a_forecast_is_of_the_load_of_before_while_the_bus_is_silen
     engine = Engine(with_channels(), database())
     hot = said(150, current=lambda t: 90.0, surface=lambda t: 25.0 + 0.1 * t)
     later = said(5, surface=lambda t: 42.0, start=300)
-    changes = [e.change for batch in (hot, later) for e in drive(engine, [batch]) if isinstance(e, Alerted)]
+    events = list(drive(engine, [hot]))
+    engine.handle_timer(now_ns=(EPOCH_S + 165) * S)
+    standing = [c.text for c in engine.alerts.raised if c.name == "forecast"]
+    changes = [e.change for e in (*events, *drive(engine, [later])) if isinstance(e, Alerted)]
     told = [(c.state, c.condition.text) for c in changes if c.condition.name == "forecast"]
     assert (told[0][0], told[-1][0]) == ("raised", "over")
     assert all("at this load (90 A" in text for _, text in told[:-1])
-    assert "before the bus fell silent (90 A" in told[-1][1]
+    assert ["before the bus fell silent (90 A" in text for text in standing] == [True]
+    assert told[-1][1] == "no forecast: the bus was silent"

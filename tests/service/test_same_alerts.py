@@ -84,7 +84,7 @@ def test_alerts_are_timed_like_estimates_and_each_is_raised_before_it_is_over(dr
     for line in (tmp_path / "alerts.jsonl").read_text().splitlines():
         x = json.loads(line)
         assert x["time_s"] in ticks
-        key = x["name"], x["string"], x["text"].split(" ")[0]
+        key = x["name"], x["string"], x["text"].removeprefix("no longer so: ").split(" ")[0]
         assert (key in up) is (x["state"] != "raised")
         (up.discard if x["state"] == "over" else up.add)(key)
     assert frames.time_ns[0] / S + 10 <= min(

@@ -376,6 +376,18 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.wait("return document.querySelectorAll('#past polygon').length === 2")
         assert page.run("return document.querySelectorAll('#past polyline[stroke-width=\"2\"]').length") == 2
         page.run("window.fetch = window.ownFetch")
+        # bug: a band of ± 40 K was drawn like one of ± 1 K, with its line, and set the scale of the picture
+        page.run(GAP.replace("found.hottest[k] = found.half[k] = null", "found.half[k] = 40"))
+        page.run(seek, "83")
+        page.wait("return document.querySelectorAll('#past polygon.vague').length === 1")
+        assert page.run("return document.querySelectorAll('#past polyline[stroke-width=\"2\"]').length") == 2
+        scale = (
+            "return [...document.querySelectorAll('#past text[text-anchor=end]')].slice(0, 2).map(t => t.textContent)"
+        )
+        high, low = (float(x.replace("−", "-")) for x in page.run(scale))
+        assert high - low < 80.0  # the width of that band
+        assert "not known" in page.run("return document.querySelector('#past .title').textContent")
+        page.run("window.fetch = window.ownFetch")
         rows = "return document.querySelectorAll('#events tbody tr').length"
         page.click("#past-marks li:last-of-type button" if len(listed) < 9 else "#past-marks li:nth-child(8) button")
         page.wait("return Number(document.querySelector('#time').value) < 80")

@@ -185,7 +185,8 @@ function draw() {
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
   const put = (tag, more, text = "") => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); n.textContent = text; svg.append(n); return n; };
   for (const [name, title, top, bottom, scale] of panels) {
-    const y = shown[name].map((v) => (v === null ? null : scale * v)), there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
+    const y = shown[name].map((v) => (v === null ? null : scale * v)), vague = y.map((v, i) => v !== null && name === "hottest" && shown.half[i] > about.available.unknown_95);
+    const sure = y.map((v, i) => (vague[i] ? null : v)), scaled = sure.some((v) => v !== null) ? sure : y, there = scaled.map((v, i) => [i, v]).filter(([, v]) => v !== null);
     const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
     let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
     if (name === "hottest" && limit < high + 20) [low, high] = [Math.min(low, limit - 1), Math.max(high, limit + 1)];
@@ -196,13 +197,15 @@ function draw() {
     put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, number(high, spread));
     put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, number(low, spread));
     if (name === "hottest") {
-      const edge = (sign, run) => run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i] + sign * half(i)).toFixed(1)}`);
-      for (const run of runs(y)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 }); // a gap stays open
+      const inside = (v) => Math.min(Math.max(at(v), top), bottom), edge = (sign, run) => run.map((i) => `${x(shown.t[i]).toFixed(1)},${inside(y[i] + sign * half(i)).toFixed(1)}`);
+      const unknown = y.map((v, i) => (vague[i] ? v : null)); // not known to 12 K (1 sd): no line, and a band that looks like no result
+      for (const run of runs(unknown)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--soft)", "fill-opacity": 0.12, stroke: "var(--soft)", "stroke-dasharray": "2 4", class: "vague" });
+      for (const run of runs(sure)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 }); // a gap stays open
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
     const point = (i, v) => `${x(shown.t[i]).toFixed(1)},${at(v).toFixed(1)}`;
-    for (const run of runs(y)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
-    put("text", { x: LEFT, y: top - 5, fill: "var(--soft)", class: "title" }, title);
+    for (const run of runs(sure)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    put("text", { x: LEFT, y: top - 5, fill: "var(--soft)", class: "title" }, vague.includes(true) ? `${title}${width < NARROW ? " (grey: not known)" : ` (grey, without a line: not known to ${about.available.K} K)`}` : title);
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
     put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
@@ -211,8 +214,8 @@ function draw() {
   const bottom = below + 18;
   const times = width < NARROW ? [t0, t1] : [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
   times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": t === t0 ? "start" : t === t1 ? "end" : "middle", class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
-  const hot = shown.hottest.filter((v) => v !== null);
-  svg.setAttribute("aria-label", `Hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${many(shown.marks.length, "change of an alert", "changes of alerts")}`);
+  const hot = shown.hottest.filter((v, i) => v !== null && !(shown.half[i] > about.available.unknown_95));
+  svg.setAttribute("aria-label", `Hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${hot.length ? `${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C` : "not known"}, limit ${limit} °C, ${many(shown.marks.length, "change of an alert", "changes of alerts")}`);
 }
 
 // The alerts that the upright lines stand for, in words, the newest first; a button goes to its moment.
