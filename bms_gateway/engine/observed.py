@@ -20,6 +20,7 @@ from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.measured import SOC_UNKNOWN
 from bms_gateway.observe.outlook import Outlook
 from bms_gateway.thermal import Disturbance, Floats, StringModel
+from bms_gateway.thermal.warmth import WARMTH_SD
 
 if TYPE_CHECKING:
     from bms_gateway.health.heat.effect_share import EffectShare
@@ -176,6 +177,7 @@ def plain_strings(
         disturbance = replace(disturbance, cooling_cell=COOLING_OVER_HEAT * disturbance.heat_cell)
     models = [_never_learnt(s.plan.model) if s.plan.of_several else s.plan.model for s in mine]
     observer = AdaptiveObserver(models, dt, disturbance, several=several)
+    observer.consider_warmth(WARMTH_SD)
     for j, s in enumerate(mine):
         if s.kept is not None:
             observer.set_parameters(j, s.kept.values, s.kept.names, s.kept.common, s.kept.own)

@@ -30,7 +30,17 @@ from bms_gateway.observe.in_force import Heard, InForce
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
 from bms_gateway.observe.reversible import Reversible, with_reversible
-from bms_gateway.observe.sensitivity import ENTROPIC_AT, PARAMETERS, SYMBOLS, Flows, bridged, carried, corrected
+from bms_gateway.observe.sensitivity import (
+    ENTROPIC_AT,
+    PARAMETERS,
+    SYMBOLS,
+    WARMTH_AT,
+    Flows,
+    bridged,
+    carried,
+    corrected,
+    from_here,
+)
 from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
@@ -115,6 +125,10 @@ class AdaptiveObserver:
     def parameters(self) -> tuple[StringParameters, ...]:
         """Numbers of the strings at nominal flow."""
         return tuple(self._of.parameters)
+
+    def consider_warmth(self, sd: float) -> None:
+        """Count, before the first step, how R_e changes with the core (`thermal.warmth`) as unknown by `sd`, 1000 K."""
+        self._of.consider(WARMTH_AT, sd)
 
     @property
     def covariances(self) -> Floats:
@@ -234,7 +248,7 @@ class AdaptiveObserver:
         now = self._state.x, self._state.P, self._blocks.J.copy(), self._of.root, self.parameters, self._of.level
         own = self._of.gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
         reversible = self.reversible.value, self.reversible.charge
-        return Standing(*now, *own, self._available, self._kalman.model.disturbance, *reversible)
+        return Standing(*now, *own, self._available, self._kalman.model.disturbance, *reversible, self._of.u_0)
 
     def set_parameters(
         self,
@@ -270,8 +284,10 @@ class AdaptiveObserver:
         moved, apart = apart_by(old, new, gain / self._of.gain[s])
         rise, over, gap = self._levers()[:3, s]
         self._catch_up(np.array([s]))
-        moved[ENTROPIC_AT:] = self.reversible.exchange(s, values, self._blocks.J[s, :, ENTROPIC_AT:])
+        moved[ENTROPIC_AT] = self.reversible.exchange(s, values, self._blocks.J[s, :, ENTROPIC_AT])
         self._of.exchange(s, new, gain, names, covariance)
+        if "R_e" in names:
+            self._of.u_0[s] += from_here(self._blocks.J[s])
         self._exchange(np.array([s]))
         self.surprise.settle(s)
         x = self._state.x.copy()
@@ -366,8 +382,9 @@ class AdaptiveObserver:
             states = self._state.x.shape[1]
             if (*x, x[-1]) == P and x[-1] != states:  # if x and P disagree, it is corrupt, not of another form
                 raise OtherStatesError(f"observer state: a string has {x[-1]} states in it, and {states} here")
-            snapshot = with_reversible(snapshot, len(self._inlet), len(PARAMETERS))
-            stored = {"gain": np.ones(len(self._inlet)).tolist(), **snapshot["own"]}  # older states have no gain
+            snapshot = with_reversible(snapshot, len(self._inlet), self._of.cov[0])
+            S = len(self._inlet)
+            stored = {"gain": np.ones(S).tolist(), "u_0": np.zeros(S).tolist(), **snapshot["own"]}  # as in older states
             reversible = Reversible(self._of.models, self._dt)
             reversible.restore(stored)
             own = {k: like(stored[k], value) for k, value in self._kept().items()}
@@ -398,7 +415,7 @@ class AdaptiveObserver:
             np.isfinite(a).all() for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned, bands.lag)
         ):
             raise StateError("observer state: holds values that are not numbers")
-        self._of.restore(parameters, own["level"], own["cov"], own["gain"])
+        self._of.restore(parameters, own["level"], own["cov"], own["gain"], own["u_0"])
         self._inlet, self._available = own["inlet"], own["available"]
         self._heard.unread, self._heard.fresh, self.reversible = own["unread"], False, reversible
         self._state, self._usual, self.surprise = state, usual, surprise
@@ -413,7 +430,7 @@ class AdaptiveObserver:
         """List what a snapshot holds besides the filter's state and the parameters."""
         of, heard = self._of, self._heard
         found = {"cov": of.cov, "gain": of.gain, "inlet": self._inlet, "unread": heard.unread, "level": of.level}
-        return {**found, "available": self._available}
+        return {**found, "u_0": of.u_0, "available": self._available}
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings that have their first inlet or reading now."""
@@ -463,7 +480,7 @@ class AdaptiveObserver:
         self._blocks.forget(at)
         in_force = [self._of.string(int(s)) for s in at]
         self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
-        self._flows = self._flows.exchanged(at, Flows.of(in_force, self.reversible.value[at]))
+        self._flows = self._flows.exchanged(at, Flows.of(in_force, self.reversible.value[at], self._of.u_0[at]))
         self._bands.pace(self._of.parameters, self._dt)
         self.surprise.set_parameters(self._of.parameters)
 

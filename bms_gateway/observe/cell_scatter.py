@@ -81,9 +81,12 @@ def exchanged(covariance: Floats, at: list[int], block: Floats) -> Floats:
 
 
 def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
-    """Covariance of the logarithms of `PARAMETERS`, and of reversible heat, before any identification."""
+    """Covariance of the logarithms of `PARAMETERS`, and of reversible heat, before any identification.
+
+    Warmth counts as known: see `AdaptiveObserver.consider_warmth`.
+    """
     sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in SYMBOLS]
-    return np.diag(np.square([*sd, heat_rel_sd, *PRIOR_SD]))
+    return np.diag(np.square([*sd, heat_rel_sd, *PRIOR_SD, 0.0]))
 
 
 def weights(tolerated: Floats, phi: Floats, phi_sd: Floats) -> Floats:

@@ -210,8 +210,11 @@ class EffectObserver:
         unlike = unlike_of(b, self._coolant, self._of.scatter, self._of.centre)
         physics, v, F, usual = self._of.physics, self._of.now, self._forced.F, float(i.usual.mean[0, 1])
         R_e = next((k for k, u in enumerate(self.uncertain) if u.name == "R_e"), None)
-        rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance, np.zeros((1, 2)), np.zeros(1)
-        return EffectStanding(*now, *rest, physics, v, self._line.tangent, F, i.row, usual, dict(self._carry), R_e)
+        rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
+        # no reversible heat but that of the effects, and R_e is known where they say
+        no_more = np.zeros((1, 2)), np.zeros(1), np.zeros(1)
+        own = physics, v, self._line.tangent, F, i.row, usual, dict(self._carry), R_e
+        return EffectStanding(*now, *rest, *no_more, *own)
 
     def set_parameters(
         self,

@@ -38,6 +38,8 @@ class Standing:
     entropic : ndarray (S, 2), mV/K
     charge : ndarray (S,)
         Coefficients of reversible heat, and the charge since their reference (`reversible`); 0 with effects.
+    u_0 : ndarray (S,)
+        Warmth at which R_e is known (`thermal.warmth`).
     """
 
     x: Floats
@@ -54,6 +56,7 @@ class Standing:
     disturbance: Disturbance
     entropic: Floats
     charge: Floats
+    u_0: Floats
 
     def amps(self, current: Floats) -> Floats:
         """Return I and I s (…, S, 2), A, of reversible heat under currents (…, S), as of `Reversible.pass_step`.

@@ -28,6 +28,8 @@ class InForce:
         Covariance of the logarithms of `PARAMETERS`, and a root of it.
     gain : ndarray (S,)
         Factor on heat that is measured instead of computed as I²R_e.
+    u_0 : ndarray (S,)
+        Warmth at which R_e is known (`thermal.warmth`).
     R_e, share : ndarray (S, n)
         Ω; heat of each cell over the mean of its string.
     """
@@ -38,6 +40,7 @@ class InForce:
     cov: Floats
     root: Floats
     gain: Floats
+    u_0: Floats
     R_e: Floats = field(init=False)
     share: Floats = field(init=False)
 
@@ -49,12 +52,19 @@ class InForce:
         """Take the numbers from models; `heat_rel_sd` is the relative error of measured heat."""
         cov, S = np.stack([prior_covariance(m, heat_rel_sd) for m in models]), len(models)
         roots = np.stack([root(c) for c in cov])
-        return cls(tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S))
+        return cls(
+            tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S), np.zeros(S)
+        )
 
     @property
     def cells(self) -> int:
         """Count the cells of a string."""
         return self.models[0].cells
+
+    def consider(self, at: int, sd: float) -> None:
+        """Set the sd of number `at` of all strings, uncorrelated with the others."""
+        self.cov = np.stack([exchanged(c, [at], np.array([[sd**2]])) for c in self.cov])
+        self.root = np.stack([root(c) for c in self.cov])
 
     def string(self, s: int) -> StringParameters:
         """Numbers of string `s` at its present flow."""
@@ -80,14 +90,15 @@ class InForce:
         """Set other numbers of string `s`, and the covariance (k, k) of the logarithms of k of them."""
         self.parameters[s] = new
         self.gain, self.cov, self.root = self.gain.copy(), self.cov.copy(), self.root.copy()
+        self.u_0 = self.u_0.copy()
         self.gain[s] = gain
         self.cov[s] = exchanged(self.cov[s], [PARAMETERS.index(name) for name in names], covariance)
         self.root[s] = root(self.cov[s])
         self._renew()
 
-    def restore(self, parameters: list[StringParameters], level: Ints, cov: Floats, gain: Floats) -> None:
+    def restore(self, parameters: list[StringParameters], level: Ints, cov: Floats, gain: Floats, u_0: Floats) -> None:
         """Set all of them."""
-        self.parameters, self.level, self.cov, self.gain = parameters, level, cov, gain
+        self.parameters, self.level, self.cov, self.gain, self.u_0 = parameters, level, cov, gain, u_0
         self.root = np.stack([root(c) for c in cov])
         self._renew()
 

@@ -16,11 +16,12 @@ from bms_gateway.observe.flow import at_level
 from bms_gateway.observe.forecast_start import Coming, Profile, Standing
 from bms_gateway.observe.model import augmented, noise_intensity
 from bms_gateway.observe.reversible import reversible
-from bms_gateway.observe.sensitivity import ENTROPIC_AT, PARAMETERS, Flows
+from bms_gateway.observe.sensitivity import ENTROPIC_AT, PARAMETERS, WARMTH_AT, Flows
 from bms_gateway.observe.transitions import SEGMENTS, Reach, course
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
 from bms_gateway.thermal.centre import followed, time_constant
 from bms_gateway.thermal.entropy import PER_MV
+from bms_gateway.thermal.warmth import warmth
 
 PARTS = len(SEGMENTS)
 FARTHEST = 5.0
@@ -77,12 +78,14 @@ class Outlook:
             mids = [
                 _middles(np.concatenate((a[:, None], b), axis=1)[:, ends]) for a, b in ((x, path), (nothing, later))
             ]
-            flows = _entropic(m.flows, s)
+            flows = _with_own(m.flows, s)
             F0 = _forcing(flows, mids[0], (np.zeros_like(unit), coming.heat), s.inlet, np.repeat(amps, PARTS, axis=0))
             electric, measured = np.where(given, 0.0, unit), np.where(given, unit, 0.0)
             F1 = _forcing(m.flows, mids[1], (electric, measured), np.zeros_like(s.inlet))
             warmer = mids[1][:, :, 0 : 2 * n : 2] / m.flows.C_c.reshape(-1, PARTS, n)
-            F1[:, :, 0 : 2 * n : 2, ENTROPIC_AT:] = -PER_MV * warmer[..., None] * amps[:, None, None]
+            u = warmth(mids[0][:, :, 0 : 2 * n : 2]) - s.u_0[:, None, None]
+            F1[:, :, 0 : 2 * n : 2, WARMTH_AT] = F1[:, :, 0 : 2 * n : 2, 2] * u
+            F1[:, :, 0 : 2 * n : 2, ENTROPIC_AT] = -PER_MV * warmer[..., None] * amps[:, None, None]
             spread = self._spread(m, s, coming, np.concatenate((F0, F1), axis=-1))
             known = certainty(still, load, spread, replace(s.unlike, doubt=coming.doubt))
         return _told(Ahead(still, load, known, s.unlike.phi), s)
@@ -123,7 +126,7 @@ class Outlook:
         electric, measured = np.where(given, 0.0, heat), np.where(given, heat, 0.0)
         of_parts = np.stack([amps[a:b].mean(axis=0) for a, b in SEGMENTS], axis=1).reshape(-1, amps.shape[-1])
         made = electric, coming.heat[:, None] + measured
-        forcing = _forcing(_entropic(m.flows, s), middle, made, inlet, of_parts)
+        forcing = _forcing(_with_own(m.flows, s), middle, made, inlet, of_parts)
         spread = self._spread(m, s, coming, np.concatenate((forcing, np.zeros_like(forcing)), axis=-1))
         known = certainty(still, nothing, spread, replace(s.unlike, doubt=coming.doubt))
         return _told(Ahead(still, nothing, known, s.unlike.phi), s)
@@ -214,9 +217,9 @@ def _middles(x: Floats) -> Floats:
     return np.asarray((x[:, 1:] + x[:, :-1]) / 2.0, dtype=np.float64)
 
 
-def _entropic(flows: Flows, s: Standing) -> Flows:
-    """Give the coefficients of reversible heat to flows of all parts."""
-    return replace(flows, entropic=np.repeat(s.entropic, PARTS, axis=0))
+def _with_own(flows: Flows, s: Standing) -> Flows:
+    """Give the coefficients of reversible heat, and where R_e is known, to flows of all parts."""
+    return replace(flows, entropic=np.repeat(s.entropic, PARTS, axis=0), u_0=np.repeat(s.u_0, PARTS))
 
 
 def _forcing(

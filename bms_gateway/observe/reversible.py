@@ -125,31 +125,32 @@ def reversible(value: Floats, amps: Floats, core: Floats) -> Floats:
     return np.asarray(per_ampere(core) * np.einsum("sk,sk->s", value, amps)[:, None], dtype=np.float64)
 
 
-def with_reversible(snapshot: Mapping[str, Any], strings: int, numbers: int) -> dict[str, Any]:
-    """Complete an observer's snapshot by a version that knew no reversible heat: its numbers come after the others.
+def with_reversible(snapshot: Mapping[str, Any], strings: int, known: Floats) -> dict[str, Any]:
+    """Complete an observer's snapshot by a version that knew no reversible heat, or no warmth: they come last.
 
     Parameters
     ----------
     snapshot : mapping
     strings : int
-    numbers : int
-        Of uncertain numbers today.
+    known : ndarray (p, p)
+        Covariance of a string's numbers today.
     """
-    own = dict(snapshot["own"])
-    if "entropic" in own:
-        return dict(snapshot)
-    own |= {"entropic": np.zeros((strings, 2)).tolist(), "charge": np.zeros(strings).tolist()}
+    own, numbers, prior = dict(snapshot["own"]), len(known), (*PRIOR_SD, float(known[-1, -1]) ** 0.5)
     cov = np.array(own["cov"], np.float64)
-    whole = np.tile(np.diag(np.square([*np.zeros(numbers - 2), *PRIOR_SD])), (strings, 1, 1))
-    whole[:, : numbers - 2, : numbers - 2] = cov
-    own["cov"], own["J"] = whole.tolist(), _wider(own["J"])
+    more = numbers - cov.shape[-1]
+    if more != (1 if "entropic" in own else len(prior)):
+        return dict(snapshot)
+    own = {"entropic": np.zeros((strings, 2)).tolist(), "charge": np.zeros(strings).tolist()} | own
+    whole = np.tile(np.diag(np.square([*np.zeros(numbers - more), *prior[-more:]])), (strings, 1, 1))
+    whole[:, :-more, :-more] = cov
+    own["cov"], own["J"] = whole.tolist(), _wider(own["J"], more)
     found = {**snapshot, "own": own}
     if snapshot.get("block") is not None:
         block = snapshot["block"]
-        found["block"] = {**block, "J": _wider(block["J"]), "amps": np.zeros((strings, 2)).tolist()}
+        found["block"] = {"amps": np.zeros((strings, 2)).tolist(), **block, "J": _wider(block["J"], more)}
     return found
 
 
-def _wider(J: Any) -> Any:
+def _wider(J: Any, more: int) -> Any:
     a = np.array(J, np.float64)
-    return np.concatenate((a, np.zeros((*a.shape[:2], 2))), axis=2).tolist()
+    return np.concatenate((a, np.zeros((*a.shape[:2], more))), axis=2).tolist()

@@ -21,13 +21,17 @@ from bms_gateway.observe.model import OFFSETS, Ints, StackedModel, scaled, usabl
 from bms_gateway.observe.reversible import per_ampere, reversible
 from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange, film
 from bms_gateway.thermal.entropy import ENTROPIC
+from bms_gateway.thermal.warmth import WARMTH, warmth
 
 SYMBOLS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f")
-PARAMETERS = (*SYMBOLS, "heat", *ENTROPIC)
+PARAMETERS = (*SYMBOLS, "heat", *ENTROPIC, WARMTH)
 """Columns of J, each common to the cells of a string. `heat` scales measured heat, which was not computed as I²R_e. The
-last two are no logarithms (`reversible`)."""
-HEAT_AT, ENTROPIC_AT = len(SYMBOLS), len(SYMBOLS) + 1
+last three are no logarithms (`reversible`)."""
+HEAT_AT, APART_AT, WARMTH_AT = len(SYMBOLS), len(SYMBOLS) + 1, len(PARAMETERS) - 1
+ENTROPIC_AT = slice(APART_AT, WARMTH_AT)
 
+FELT = 1e-6
+"""K²: squared sensitivity of a state to ln R_e below which no heat is felt."""
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
 
@@ -51,6 +55,8 @@ class Flows:
         Relative slope of `film` by ln R_u and by ln C_f: −1 and 0 for the bulk node.
     entropic : ndarray (S, 2), mV/K
         Coefficients of reversible heat (`reversible`).
+    u_0 : ndarray (S,)
+        Warmth at which R_e is known (`thermal.warmth`).
 
     References
     ----------
@@ -68,9 +74,12 @@ class Flows:
     by_R_u: Floats
     by_C_f: Floats
     entropic: Floats
+    u_0: Floats
 
     @classmethod
-    def of(cls, parameters: Sequence[StringParameters], entropic: Floats | None = None) -> "Flows":
+    def of(
+        cls, parameters: Sequence[StringParameters], entropic: Floats | None = None, u_0: Floats | None = None
+    ) -> "Flows":
         """Gather from strings of equal length; without coefficients, their mean reversible heat is zero."""
         path = [coolant_path(p) for p in parameters]
         de = np.stack([_relative_slope(p) for p in parameters])
@@ -87,6 +96,7 @@ class Flows:
             np.where(warms, de, -1.0),
             np.where(warms, 1.0 + de, 0.0),
             np.zeros((len(parameters), len(ENTROPIC))) if entropic is None else entropic,
+            np.zeros(len(parameters)) if u_0 is None else u_0,
         )
 
     def coolant(self, x: Floats, inlet: Floats) -> Floats:
@@ -129,12 +139,13 @@ class Flows:
         core, surface = F[:, 0:N:2], F[:, 1:N:2]
         if amps is not None:
             heat = heat + reversible(self.entropic, amps, T_c)
-            core[:, :, ENTROPIC_AT:] = (per_ampere(T_c) / self.C_c)[:, :, None] * amps[:, None]
+            core[:, :, ENTROPIC_AT] = (per_ampere(T_c) / self.C_c)[:, :, None] * amps[:, None]
         core[:, :, 0] = (out - heat) / self.C_c
         surface[:, :, 1] = (cooled - out - conducted) / self.C_s
         if x.shape[1] > N + OFFSETS:
             surface[:, :, 1] -= x[:, N:-OFFSETS] / self.C_s
         core[:, :, 2] = electric / self.C_c
+        core[:, :, WARMTH_AT] = core[:, :, 2] * (warmth(T_c) - self.u_0[:, None])
         core[:, :, 3] = out / self.C_c
         surface[:, :, 3] = -out / self.C_s
         surface[:, :, 4] = (warmed - self.by_R_u * cooled) / self.C_s
@@ -165,6 +176,30 @@ def _relative_slope(p: StringParameters) -> Floats:
     ntu = 1.0 / (p.R_u * p.C_f)
     slope = -ntu if p.coolant == "bulk" else -ntu * np.exp(-ntu)
     return np.divide(slope, e, out=np.zeros_like(e), where=e > 0.0)
+
+
+def from_here(J: Floats) -> float:
+    """Turn the sensitivities of a string to those about R_e at the warmth that they have seen; return that warmth.
+
+    As R_e exp(B (u - u_0)) = R_e' exp(B (u - u_1)), a number R_e' that was identified at u_1 depends on B no more: with
+    R_e' fixed, the state moves with B by the column of warmth less (u_1 - u_0) times that of R_e. The u_1 that leaves
+    least of the former is the mean over the heat that the state still feels.
+
+    Parameters
+    ----------
+    J : ndarray (M, p)
+        Changed in place.
+
+    Returns
+    -------
+    float
+        u_1 - u_0; 0 where no heat is felt.
+    """
+    by_R_e, by_warmth = J[:, SYMBOLS.index("R_e")], J[:, WARMTH_AT]
+    felt = float(by_R_e @ by_R_e)
+    u = float(by_R_e @ by_warmth) / felt if felt > FELT else 0.0
+    by_warmth -= u * by_R_e
+    return u
 
 
 def carried(J: Floats, A: Floats, forcing: Floats, dt: float) -> Floats:

@@ -17,6 +17,7 @@ from bms_gateway.health.mismatch import Mismatches
 from bms_gateway.identify import Tick, VoltageTracker, WindowIdentifier, build, string_parameters, voltage
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe.effect_observer import EffectObserver
+from bms_gateway.thermal.warmth import WARMTH_SD
 from tests.engine.strings_side_by_side import (
     LAYOUT,
     NAN,
@@ -45,6 +46,7 @@ class Alone:
             self.observer = EffectObserver(model, 1.0, PLAN.disturbance)
         else:
             self.observer = AdaptiveObserver([model], 1.0, PLAN.disturbance)
+            self.observer.consider_warmth(WARMTH_SD)
         self.voltage = VoltageTracker(8.0, model.cells) if self.plan.name in VOLTAGE and not model.effects else None
         self.identifier = build(self.plan.identify, model)
         self.floor = Floor.of([model])

@@ -130,6 +130,9 @@ def test_sensitivities_are_those_of_the_observer_with_its_gain():
         x = np.append(np.full(2 * n, np.nanmean(drive.y[0])), [0.0, 0.0])[None]
         for k in range(seconds + 1):
             made = drive.I2[k][:, None] * q.R_e
+            if name == "warmth":
+                over = 1000.0 / (x[:, 0 : 2 * n : 2] + 273.15) - 1000.0 / 298.15
+                made = made * np.exp(np.log(factor) * over)
             heat = np.where(np.isfinite(given[k]), given[k] * (factor if name == "heat" else 1.0), made)
             coefficient = (u["entropic"] + u["entropic_slope"] * moved[k]) * 1e-3
             heat = heat - current[k] * coefficient * (x[:, 0 : 2 * n : 2] + 273.15)

@@ -1,0 +1,36 @@
+r"""R_e at the temperature of its core, before anything is known of how it changes: Arrhenius' law.
+
+.. math::
+    R_e \to R_e \exp(B \, (u - u_0)), \qquad u = 1000 \left(\frac{1}{T_c} - \frac{1}{298.15\,\mathrm{K}}\right)
+
+with B in thousands of kelvin, which makes it of the same order as the logarithms of a string's other numbers. u_0 is
+the warmth at which R_e is known: 0, that of 25 °C, for the number of a file, and later that at which it was identified.
+
+Beyond Lin et al., Eq 1, whose R_e is constant.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.thermal.entropy import KELVIN
+from bms_gateway.thermal.parameters import Floats
+
+WARMTH: Final = "warmth"
+"""B as a number of a string, 1000 K."""
+WARMTH_SD: Final = 1.5
+"""Of B, about 0, 1000 K: that of the effect `resistance_temperature`."""
+_SCALE, _REFERENCE = 1000.0, 1000.0 / 298.15
+COLDEST: Final = 150.0
+"""K: no cell is colder, and a trial of a fit may be."""
+
+
+def warmth(core: Floats) -> Floats:
+    """Return u of cores at `core` (…), °C.
+
+    Examples
+    --------
+    >>> warmth(np.array([25.0, 45.0])).round(3).tolist()
+    [0.0, -0.211]
+    """
+    return np.asarray(_SCALE / np.maximum(core + KELVIN, COLDEST) - _REFERENCE, dtype=np.float64)

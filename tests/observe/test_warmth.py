@@ -1,0 +1,126 @@
+"""R_e of warm cores: the live band holds that a model file without it may lack how R_e changes with the core."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from bms_gateway.errors import StateError
+from bms_gateway.observe.adaptive import AdaptiveObserver
+from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.sensitivity import PARAMETERS
+from bms_gateway.thermal import Prior, StringModel
+from bms_gateway.thermal.warmth import WARMTH_SD
+
+C_c, C_s, R_e, R_c, R_u = 268.0, 18.8, 3.5e-3, 1.266, 0.79
+AMPS, STEPS = 50.0, 1500
+
+
+def observer() -> AdaptiveObserver:
+    known = {"C_c": C_c, "C_s": C_s, "R_e": R_e, "R_c": R_c, "R_u": R_u}
+    o = AdaptiveObserver([StringModel(1, (1,), "single", {k: Prior(v, 0.01) for k, v in known.items()})], 1.0)
+    o.consider_warmth(WARMTH_SD)
+    return o
+
+
+def truth(B: float, inlet: float) -> tuple[np.ndarray, np.ndarray]:
+    """Core and surface of a cell whose R_e falls by Arrhenius' law, B in kelvin, by scipy."""
+
+    def rates(_: float, T: np.ndarray) -> list[float]:
+        q = AMPS**2 * R_e * np.exp(B * (1.0 / (T[0] + 273.15) - 1.0 / 298.15))
+        return [(q - (T[0] - T[1]) / R_c) / C_c, ((T[0] - T[1]) / R_c - (T[1] - inlet) / R_u) / C_s]
+
+    at = np.arange(float(STEPS))
+    core, surface = solve_ivp(rates, (0.0, at[-1]), [inlet, inlet], t_eval=at, rtol=1e-8, atol=1e-8).y
+    return core, surface
+
+
+def follow(o: AdaptiveObserver, surface: np.ndarray, inlet: float, start: int = 1, stop: int = STEPS) -> list[Estimate]:
+    rng = np.random.default_rng(5)
+    noise = 0.05 * rng.normal(size=STEPS)
+    return [
+        o.step(np.full(1, AMPS**2), None, np.full(1, inlet), np.array([[surface[k] + noise[k]]]), np.zeros((1, 1)))
+        for k in range(start, stop)
+    ]
+
+
+@pytest.mark.parametrize("B", [-1800.0, 1800.0, 2500.0])
+def test_the_core_is_in_its_band_though_its_resistance_changes_with_its_warmth(B: float) -> None:
+    core, surface = truth(B, 25.0)
+    found = follow(observer(), surface, 25.0)
+    late = slice(300, None)
+    mean, sd = (np.array([getattr(e, k)[0, 0] for e in found])[late] for k in ("core", "core_sd"))
+    assert (np.abs(mean - core[1:][late]) < 2.0 * sd).all()
+    assert np.sqrt(np.mean(sd**2)) < 5.0
+
+
+def test_at_the_reference_the_band_does_not_know_it() -> None:
+    o = observer()
+    follow(o, truth(0.0, 25.0)[1], 25.0)
+    J = o.standing().J[0, 0]
+    of_R_e, of_warmth = J[PARAMETERS.index("R_e")], J[PARAMETERS.index("warmth")]
+    cold = observer()
+    for _ in range(50):
+        cold.step(np.full(1, 1.0), None, np.full(1, 25.0), np.array([[25.0]]), np.zeros((1, 1)))
+    assert abs(cold.standing().J[0, 0, PARAMETERS.index("warmth")]) < 1e-4
+    assert of_R_e > 0.0 > of_warmth
+
+
+def test_what_was_identified_in_a_warm_cell_holds_at_that_warmth() -> None:
+    """Oracle: the cell itself, with R_e known at the warmth at which it runs, whatever B is."""
+    o, surface = observer(), truth(0.0, 45.0)[1]
+    follow(o, surface, 45.0, stop=1200)
+    at = PARAMETERS.index("warmth")
+    before = np.array(o.snapshot()["own"]["J"])[0, 0]  # with the steps that wait
+    o.set_parameters(0, {"R_e": R_e}, ["R_e"], np.array([[0.01**2]]))
+    s = o.standing()
+    assert abs(s.J[0, 0, at]) < 0.05 * abs(before[at])  # the core has not moved since its heat was identified
+    core = truth(0.0, 45.0)[0]
+    u = 1000.0 * (1.0 / (core[600:1200] + 273.15) - 1.0 / 298.15)
+    assert u.min() <= s.u_0[0] <= u.max()
+    assert s.J[0, 0, at] == pytest.approx(before[at] - s.u_0[0] * before[PARAMETERS.index("R_e")], rel=1e-9)
+    wide = o.estimate().core_sd[0, 0]
+    follow(o, surface, 45.0, 1200, 1450)
+    assert o.estimate().core_sd[0, 0] < 1.2 * wide  # and goes on to hold there
+
+
+def test_a_number_that_is_no_resistance_leaves_the_warmth_at_which_it_is_known() -> None:
+    o = observer()
+    follow(o, truth(0.0, 45.0)[1], 45.0, stop=300)
+    o.set_parameters(0, {"R_c": R_c}, ["R_c"], np.array([[0.01**2]]))
+    assert o.standing().u_0[0] == 0.0
+
+
+def test_where_no_heat_is_felt_a_resistance_stays_known_where_it_was() -> None:
+    o = observer()
+    for _ in range(50):
+        o.step(np.zeros(1), None, np.full(1, 45.0), np.array([[45.0]]), np.zeros((1, 1)))
+    o.set_parameters(0, {"R_e": R_e}, ["R_e"], np.array([[0.01**2]]))
+    assert o.standing().u_0[0] == 0.0
+
+
+def test_a_state_of_a_version_without_it_is_taken_up_with_the_prior() -> None:
+    surface = truth(1800.0, 25.0)[1]
+    a, b = observer(), observer()
+    follow(a, surface, 25.0, stop=200)
+    stored = json.loads(json.dumps(a.snapshot()))
+    k = len(PARAMETERS) - 1
+    del stored["own"]["u_0"]
+    stored["own"]["cov"] = np.array(stored["own"]["cov"])[:, :k, :k].tolist()
+    for part in (stored["own"], stored["block"]):
+        part["J"] = np.array(part["J"])[:, :, :k].tolist()
+    b.restore(stored)
+    assert b.estimate().core[0, 0] == a.estimate().core[0, 0]
+    x, y = follow(a, surface, 25.0, 200)[-1], follow(b, surface, 25.0, 200)[-1]
+    assert x.core[0, 0] == y.core[0, 0]
+    assert y.core_sd[0, 0] == pytest.approx(x.core_sd[0, 0], rel=0.02)
+
+
+def test_a_state_with_numbers_that_no_version_had_is_refused() -> None:
+    o = observer()
+    stored = json.loads(json.dumps(o.snapshot()))
+    k = len(PARAMETERS) - 2
+    stored["own"]["cov"] = np.array(stored["own"]["cov"])[:, :k, :k].tolist()
+    with pytest.raises(StateError):
+        observer().restore(stored)
