@@ -208,13 +208,25 @@ class EffectObserver:
         b, i, there = self.belief, self._inputs, self._available.reshape(1)
         now = b.z[None], b.P[None], b.J[None], self._of.root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
         unlike = unlike_of(b, self._coolant, self._of.scatter, self._of.centre)
-        physics, v, F, usual = self._of.physics, self._of.now, self._forced.F, float(i.usual.mean[0, 1])
-        R_e = next((k for k, u in enumerate(self.uncertain) if u.name == "R_e"), None)
-        rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
-        # no reversible heat but that of the effects, and R_e is known where they say
-        no_more = np.zeros((1, 2)), np.zeros(1), np.zeros(1)
-        own = physics, v, self._line.tangent, F, i.row, usual, dict(self._carry), R_e
-        return EffectStanding(*now, *rest, *no_more, *own)
+        return EffectStanding(
+            *now,
+            inlet=np.array([i.inlet]),
+            lag=self._lag[None],
+            unlike=unlike,
+            available=there,
+            disturbance=self._disturbance,
+            entropic=np.zeros((1, 2)),  # no reversible heat but that of the effects, and R_e is known where they say
+            charge=np.zeros(1),
+            u_0=np.zeros(1),
+            physics=self._of.physics,
+            numbers=self._of.now,
+            tangent=self._line.tangent,
+            forcing=self._forced.F,
+            row=i.row,
+            usual=float(i.usual.mean[0, 1]),
+            carry=dict(self._carry),
+            R_e_at=next((k for k, u in enumerate(self.uncertain) if u.name == "R_e"), None),
+        )
 
     def set_parameters(
         self,
