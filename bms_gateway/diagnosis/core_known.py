@@ -41,6 +41,7 @@ from bms_gateway.diagnosis.residuals import unexplained
 from bms_gateway.diagnosis.search import search
 from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.diagnosis.verdict_words import BY_NUMBERS
+from bms_gateway.diagnosis.wandering import rows_are_open, rows_may_matter
 from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
@@ -215,7 +216,7 @@ def known_core(
     doubts = [doubt(r) for r in records]
     calibrated = model.posterior is not None and model.posterior.calibrated
     confirmed = calibrated and fitted.model_error_K <= LARGE_K
-    lacks = [] if confirmed else _lacks(fitted, doubts, rounds)
+    lacks = [] if confirmed else _lacks(fitted, records, doubts, rounds)
     said = [*_unusable(model, records, doubts), *lacks, *numbers_far(fitted.fit)]
     said += coolant_doubts(fitted.closest) if said else ()  # alone it is no reason: the cooling of cells may differ
     elsewhere = [] if calibrated else _elsewhere(model)
@@ -288,14 +289,16 @@ def _unusable(model: StringModel, records: Sequence[Record], doubts: Sequence[fl
     return said
 
 
-def _lacks(fitted: Identified, doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None) -> list[str]:
+def _lacks(
+    fitted: Identified, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
+) -> list[str]:
     """Say that the readings show a missing part of the model; empty if they do not."""
     own = f": it needs an error of its own of {fitted.model_error_K:.2g} K" if fitted.model_error_K else ""
     structured, fails_held = unexplained(fitted.closest, left_open(fitted.closest, doubts))
     if structured or fails_held:
         where = "the surfaces" if structured else "readings that were held out"
         return [f"The model does not explain {where}{own}."]
-    asked = _lacking(fitted.closest, doubts, rounds)
+    asked = _lacking(fitted.closest, records, doubts, rounds)
     return [asked] if asked else []
 
 
@@ -307,10 +310,12 @@ def _elsewhere(model: StringModel) -> list[str]:
     ]
 
 
-def _lacking(fit: MapFit, doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None) -> str:
+def _lacking(
+    fit: MapFit, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
+) -> str:
     """Say which effect a model lacks although it explains the surfaces; empty if it lacks none."""
     if rounds is None:
-        rounds = search(fit.problem.model, fit.problem.records, ONE, doubts=doubts, baseline=fit).rounds
+        rounds = _asked(fit, records, doubts)
     trials = rounds[0] if rounds else []
     named = next((t.candidate for t in trials if t.passed), None)
     if named is not None:
@@ -318,6 +323,18 @@ def _lacking(fit: MapFit, doubts: Sequence[float], rounds: Sequence[Sequence[Tri
     if any(t.log_odds > ONE.ahead for t in trials):
         return "These records lack something that no single effect of the catalogue explains."
     return ""
+
+
+def _asked(fit: MapFit, records: Sequence[Record], doubts: Sequence[float]) -> list[list[Trial]]:
+    """Return the rounds of the search by which `diagnose` would judge; the first one, where no other decides."""
+    model, ready = fit.problem.model, fit.problem.records
+    found = search(model, ready, ONE, doubts=doubts, baseline=fit)
+    if (found.chosen or found.orphan) and not any(doubts) and rows_may_matter(fit, records):
+        # steps of the current between its rows compete with all effects of a search, not with its first one alone
+        found = search(model, ready, doubts=doubts, baseline=fit)
+        if rows_are_open(found, records):
+            found = search(model, ready, ONE, doubts=[r.sampling.doubt for r in records], baseline=fit)
+    return found.rounds
 
 
 def numbers_far(fit: MapFit) -> list[str]:

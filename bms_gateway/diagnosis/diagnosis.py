@@ -24,7 +24,7 @@ import numpy as np
 from bms_gateway.diagnosis.bounds import at_bound
 from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD
-from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
+from bms_gateway.diagnosis.coarse_rows import doubt
 from bms_gateway.diagnosis.core_band import core_moved
 from bms_gateway.diagnosis.error_words import course, falls, half_width, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
@@ -32,8 +32,6 @@ from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import (
     CHANCE,
-    log_density,
-    noise_floor,
     rmse,
     structure,
     unexplained,
@@ -43,7 +41,7 @@ from bms_gateway.diagnosis.search import Progress, Search, search
 from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
 from bms_gateway.diagnosis.verdict_parts import Errors, Ranked, Selected, errors, numbers
 from bms_gateway.diagnosis.verdict_words import missing, nothing_missing, something_unknown
-from bms_gateway.diagnosis.wandering import more_than_rows
+from bms_gateway.diagnosis.wandering import more_than_rows, rows_are_open
 from bms_gateway.diagnosis.weighing import Settings, Trial, believed_share
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -162,7 +160,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
     doubts = [doubt(r) for r in records]
     found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts)
     first = judged(found)
-    if first.verdict != "adequate" and not any(doubts) and _rows_are_open(found, records):
+    if first.verdict != "adequate" and not any(doubts) and rows_are_open(found, records):
         doubts = [r.sampling.doubt for r in records]
         begun = found.baseline
         found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts, baseline=begun)
@@ -197,17 +195,6 @@ def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -
     before, after = errors(found[0].fit), errors(found[-1].fit)
     before = replace(before, closest_K=d.baseline.heldout_rmse_K)
     return replace(d, identified=tuple(found), selected=selected, baseline=before, after=after)
-
-
-def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
-    """Whether steps of the current between its rows explain the records better than the effects of the search."""
-    most, used = left_open(found.baseline, [r.sampling.doubt for r in records]), stacked(found.baseline.problem)[4]
-    if most < MATTERS * noise_floor(found.baseline, ~used):
-        return False
-    fits = (found.baseline, found.final) if found.chosen else (found.baseline,)
-    held = within(found.baseline)
-    odds = [f.log_evidence + log_density(f, held) for f in fits]
-    return max(o + shows_steps(f, records, used | held) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
 
 
 def _heat_by_voltage(ready: Sequence[Measured]) -> bool:

@@ -11,9 +11,19 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from bms_gateway.diagnosis.coarse_rows import NumbersAndSteps, less_steps, numbers_and_steps, since
+from bms_gateway.diagnosis.coarse_rows import (
+    MATTERS,
+    SHOWN,
+    NumbersAndSteps,
+    left_open,
+    less_steps,
+    numbers_and_steps,
+    shows_steps,
+    since,
+)
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.diagnosis.residuals import structured, within
+from bms_gateway.diagnosis.residuals import log_density, noise_floor, structured, within
+from bms_gateway.diagnosis.search import Search
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.trajectory import reference
@@ -34,6 +44,23 @@ def more_than_rows(fit: MapFit, records: Sequence[Record]) -> bool:
     if structured(less_steps(fit, records)):
         return True
     return heat_in_one_cell(fit, records, stacked(fit.problem)[4] | within(fit)) > WANDERS
+
+
+def rows_may_matter(fit: MapFit, records: Sequence[Record]) -> bool:
+    """Whether what the current does between its rows could be seen in the readings."""
+    most, used = left_open(fit, [r.sampling.doubt for r in records]), stacked(fit.problem)[4]
+    return most >= MATTERS * noise_floor(fit, ~used)
+
+
+def rows_are_open(found: Search, records: Sequence[Record]) -> bool:
+    """Whether steps of the current between its rows explain the records better than the effects of a search."""
+    if not rows_may_matter(found.baseline, records):
+        return False
+    used = stacked(found.baseline.problem)[4]
+    fits = (found.baseline, found.final) if found.chosen else (found.baseline,)
+    held = within(found.baseline)
+    odds = [f.log_evidence + log_density(f, held) for f in fits]
+    return max(o + shows_steps(f, records, used | held) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
 
 
 def heat_in_one_cell(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool_]) -> float:

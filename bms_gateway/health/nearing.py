@@ -123,7 +123,7 @@ class Nearing:
         return (
             f"hottest point of cell {a.cell} was to reach {self._limit:g} °C at the load of "
             f"{duration(EVERY_S * self._since)} ago ({_load(a.load_A)}); the present load does not lead to it{most}; "
-            f"if the load comes back: {a.permitted_A:.0f} A can be held for 10 min"
+            f"if the load comes back: {_held(a.permitted_A)}"
         )
 
     def _told(self, a: Approach) -> Condition:
@@ -134,7 +134,7 @@ class Nearing:
         text = (
             f"hottest point of cell {a.cell} reaches {self._limit:g} °C in {duration(a.in_s)}{band} at this load "
             f"({_load(a.load_A)}; now {a.now_C:.1f} °C){doubt}: lower the "
-            f"current or cool the string; {a.permitted_A:.0f} A can be held for 10 min"
+            f"current or cool the string; {_held(a.permitted_A)}"
         )
         phase = next((f"{p:g}" for p in PHASES_S if a.in_s <= p), "")
         facts: Mapping[str, Fact] = {"in_s": round(a.in_s, 1), "load_A": round(a.load_A, 1), "limit_C": self._limit}
@@ -149,6 +149,11 @@ class Nearing:
             phase=phase,
             facts=facts,
         )
+
+
+def _held(permitted_A: float) -> str:
+    """Say which constant current keeps every hottest point, with its band, below the limit."""
+    return f"{permitted_A:.0f} A can be held for 10 min" if permitted_A >= 0.5 else "no current can be held for 10 min"
 
 
 def _load(load_A: float) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, SHOWN, doubt, left_open, less_steps, shows_steps
+from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.residuals import structured
@@ -74,6 +75,10 @@ def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
     found = diagnose(model, [record])
     assert found.verdict == "adequate", found.sentence
     assert not found.unknown_remains
+    # and a command that has no diagnosis at hand judges the core by the same search
+    core = known_core(model, [record])
+    assert core.why == known_core(model, [record], found.identified[0], found.search.asked).why
+    assert not any("ask for" in why or "lack something" in why for why in core.why)
 
 
 @pytest.mark.parametrize(("seed", "bleed_W"), [(12, 0.1), (17, 0.15)])

@@ -24,6 +24,16 @@ def test_two_forecasts_in_a_row_are_told_with_cell_time_load_and_what_is_permitt
     )
 
 
+def test_a_current_of_nought_is_no_current_that_can_be_held() -> None:
+    n = Nearing("string_1", 60.0)
+    for _ in range(2):
+        n.take(replace(SOON, permitted_A=0.0), 66.0)
+    assert n.condition is not None
+    assert n.condition.text.endswith("no current can be held for 10 min")
+    n.take(None, 58.2)
+    assert n.condition.text.endswith("if the load comes back: no current can be held for 10 min")
+
+
 def test_one_burst_is_not_told_and_near_misses_do_not_end_it() -> None:
     n = Nearing("s", 60.0)
     for approach, hottest in ((SOON, 66.0), (None, 57.0), (SOON, 66.0), (None, 59.5)):
