@@ -3,7 +3,7 @@
 import csv
 import io
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -205,18 +205,28 @@ class Events:
 
 
 def _said(group: Sequence[Happened]) -> dict[str, str]:
-    """Return the present text: the newest one of an alert; of notices, the most severe last one of any cell."""
-    newest = group[-1]
+    """Return the present text: the newest one of an alert; of notices, the most severe last one of any cell.
+
+    Faults of notices that are over stand behind it, and the worst level of all, by which a filter finds them.
+    """
+    newest, worst = group[-1], max(e.severity for e in group)
     if newest.state:
-        return {"level": WORDS[max(e.severity for e in group)], "text": newest.text}
+        return {"level": WORDS[worst], "worst": WORDS[worst], "text": newest.text}
     last = {e.cell: e for e in group}
     grave = max(e.severity for e in last.values())
     told = [e for e in last.values() if e.severity == grave]
     top = max(told, key=lambda e: e.time_ns)
-    others = [e.cell for e in told if e.cell is not None and e.cell != top.cell]
-    many = len(others) > 1
-    more = f"; cell{'s' * many} {ranges(sorted(others))} too" if others else ""
-    return {"level": WORDS[grave], "text": f"{top.text}{more}"}
+    text = f"{top.text}{_too([e.cell for e in told], top.cell)}"
+    over = [e for e in group if e.severity == worst and (grave < worst or e.cell not in {x.cell for x in told})]
+    if over:
+        text += f"; before: {over[-1].text}{_too([e.cell for e in over], over[-1].cell)}"
+    return {"level": WORDS[grave], "worst": WORDS[worst], "text": text}
+
+
+def _too(cells: Iterable[int | None], told: int | None) -> str:
+    """Name the other cells of which a sentence holds."""
+    others = sorted({c for c in cells if c is not None and c != told})
+    return f"; cell{'s' * (len(others) > 1)} {ranges(others)} too" if others else ""
 
 
 def alerts_now(raised: Sequence[Condition]) -> tuple[dict[str, Any], ...]:

@@ -125,12 +125,31 @@ def test_a_group_says_of_every_cell_what_was_said_last():
     assert group["text"] == "surface of cell 10 is not used; cells 8,9 too"
     notice(21, Level.NOTICE, 9, "is good again")
     (group,) = events.grouped(30 * SECOND, 0)
-    assert (group["level"], group["text"]) == ("warning", "surface of cell 10 is not used; cell 8 too")
+    assert group["level"] == "warning"
+    assert group["text"] == "surface of cell 10 is not used; cell 8 too; before: surface of cell 9 is not used"
     for cell in (8, 10):
         notice(31 + cell, Level.NOTICE, cell, "is good again")
     (group,) = events.grouped(60 * SECOND, 0)
     assert (group["level"], group["count"]) == ("note", 6)
-    assert group["text"] == "surface of cell 10 is good again; cells 8,9 too"
+    now, before = group["text"].split("; before: ")
+    assert now == "surface of cell 10 is good again; cells 8,9 too"
+    assert before == "surface of cell 10 is not used; cells 8,9 too"
+    assert group["worst"] == "warning"  # the filter of warnings still finds it
+
+
+def test_a_row_names_every_cell_that_had_a_fault():
+    """The fault of cell 2 was nowhere: the row had the words of cell 3, and one acknowledgement for both."""
+    events = Events()
+    for second, level, cell, text in (
+        (1, Level.WARNING, 2, "is not used: out of range"),
+        (2, Level.NOTICE, 2, "is good again"),
+        (3, Level.WARNING, 3, "is not used: jumps"),
+    ):
+        events.take(Notice(second * SECOND, level, "sensor", f"surface of cell {cell} {text}", "string_1", cell))
+    (group,) = events.grouped(4 * SECOND, 0)
+    assert group["text"] == (
+        "surface of cell 3 is not used: jumps; before: surface of cell 2 is not used: out of range"
+    )
 
 
 def test_what_an_alert_says_is_no_second_line():

@@ -159,7 +159,7 @@ function happened() {
 function events(p, again = false) {
   newest = p;
   const level = $("event-level").value, string = $("event-string").value;
-  const list = p.events.filter((e) => (!string || e.string === string) && (!level || e.level === "alarm" || e.level === level) && (!$("event-seen").value || !e.seen));
+  const list = p.events.filter((e) => (!string || e.string === string) && (!level || e.worst === "alarm" || e.worst === level) && (!$("event-seen").value || !e.seen));
   const told = JSON.stringify(list);
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
