@@ -7,6 +7,7 @@ The thresholds are wide on purpose: a person who looks at the plot would agree w
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 
@@ -97,8 +98,8 @@ def _length(r: Record, model: StringModel) -> Iterator[Finding]:
         yield Finding(
             "short",
             "warn",
-            f"The record lasts {seconds / 60:.0f} min, less than twice the {slow / 60:.0f} min in which the cells of "
-            "this model warm up: what acts slowly is hard to see.",
+            f"The record lasts {int(seconds / 60)} min. Twice the time in which the cells of this model warm up is "
+            f"{ceil(2.0 * slow / 60)} min: in less, what acts slowly is hard to see.",
         )
 
 

@@ -42,6 +42,15 @@ def test_too_short_stops():
     assert findings(first(rows(), 900))["short"].severity == "warn"
 
 
+def test_a_short_record_is_shorter_than_what_is_asked_for():
+    """Of 30 min it was said that they are less than twice 15 min."""
+    for seconds in (700, 900, 1000, 1500):
+        if short := findings(first(rows(), seconds)).get("short"):
+            lasts, needed = (int(x) for x in re.findall(r"(\d+) min", short.sentence))
+            assert lasts < needed
+            assert 60 * lasts <= seconds
+
+
 def test_a_record_of_two_rows_is_told_to_have_too_few_readings():
     """It was said to have none."""
     two = {k: v[:2] if isinstance(v, np.ndarray) else {a: x[:2] for a, x in v.items()} for k, v in rows().items()}

@@ -20,8 +20,9 @@ const band = (half) => (half === null ? "" : ` ± ${half.toFixed(1)}`);
 // A hottest point as the alarms tell it: a band that reaches below all that is possible says nothing.
 const point = (x, half) => {
   const { K, unknown_95: wide } = about.available;
-  if (x !== null && half > 2 * wide) return `not known to ${2 * K} K`;
-  return x !== null && half > wide ? `about ${fixed(x, 0)} °C, not known to ${K} K` : `${degrees(x)}${band(half)} °C`;
+  if (x === null) return "not known";
+  if (half > 2 * wide) return `not known to ${2 * K} K`;
+  return half > wide ? `about ${fixed(x, 0)} °C, not known to ${K} K` : `${degrees(x)}${band(half)} °C`;
 };
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 

@@ -56,7 +56,7 @@ export function show(found, isOpen) {
   draw();
 }
 
-const twice = (g) => { const all = g.rows.filter((r) => r.what).map(ours); return all.filter((x, i) => all.indexOf(x) !== i); };
+const twice = (g) => { const all = g.rows.filter((r) => r.what); return all.filter((r, i) => all.findIndex((x) => ours(x) === ours(r)) !== i).map((r) => (MANY[r.what] ? `${MANY[r.what][0]} ${r.cell}` : ONCE[r.what].split(",")[0])); };
 const hasInlet = (g) => g.rows.some((r) => r.what === "coolant_inlet_C");
 const lacking = (g) => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !g.rows.some((r) => r.what === x) && !(g.inlet && x === "coolant_inlet_C")).map((x) => ONCE[x].split(",")[0])
   .concat(g.rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
