@@ -224,7 +224,7 @@ def add_effects(
 def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
     """Return the cores of a diagnosed model and, if effects are named, those with these effects."""
     if not d.selected:
-        return (known_core(model, records, d.identified[0], d.search.asked),)
+        return (known_core(model, records, d.identified[0], d.search),)
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
     return _with_cores(weighed_step(d, wants), model, records, d).core
 
@@ -257,7 +257,7 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
     """Return the model that may be written, and the cores before and after; see `Addition.core`."""
-    before = known_core(model, records, d.identified[0], d.search.asked)
+    before = known_core(model, records, d.identified[0], d.search)
     same = bool(d.selected) and step.after is d.with_selected
     found = d.identified[1] if same else identify(starting_with(step.after, model), records)
     held_K = [errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit)]

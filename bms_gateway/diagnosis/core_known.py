@@ -38,10 +38,10 @@ from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import unexplained
-from bms_gateway.diagnosis.search import search
+from bms_gateway.diagnosis.search import Search, search
 from bms_gateway.diagnosis.verdict_parts import errors
 from bms_gateway.diagnosis.verdict_words import BY_NUMBERS
-from bms_gateway.diagnosis.wandering import rows_are_open, rows_may_matter
+from bms_gateway.diagnosis.wandering import more_than_rows, rows_are_open, rows_may_matter
 from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
@@ -56,6 +56,7 @@ LARGE_K = 0.3
 by R_c/R_u in the core."""
 ONE = Settings(effects=1, ways=0)
 """Settings of the search: only to find whether any effect can be named."""
+LACKS_UNKNOWN = "These records lack something that no single effect of the catalogue explains."
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +188,7 @@ def known_core(
     model: StringModel,
     records: Sequence[Record],
     identified: Identified | None = None,
-    rounds: Sequence[Sequence[Trial]] | None = None,
+    searched: Search | None = None,
 ) -> KnownCore:
     """Compute how well records determine the cores of a model, and whether the cores are proven.
 
@@ -198,9 +199,9 @@ def known_core(
     records : sequence of Record
     identified : Identified, optional
         Result of `identify` for this model and these records, without thermocouples in cores; it replaces the fit.
-    rounds : sequence of sequence of Trial, optional
-        Rounds of a search for the effects that this model, before any data, lacks in these records; they replace the
-        first round.
+    searched : Search, optional
+        Search of `diagnose` for the effects that this model, before any data, lacks in these records; it replaces the
+        one that is made here.
 
     Returns
     -------
@@ -216,7 +217,7 @@ def known_core(
     doubts = [doubt(r) for r in records]
     calibrated = model.posterior is not None and model.posterior.calibrated
     confirmed = calibrated and fitted.model_error_K <= LARGE_K
-    lacks = [] if confirmed else _lacks(fitted, records, doubts, rounds)
+    lacks = [] if confirmed else _lacks(fitted, records, doubts, searched)
     said = [*_unusable(model, records, doubts), *lacks, *numbers_far(fitted.fit)]
     said += coolant_doubts(fitted.closest) if said else ()  # alone it is no reason: the cooling of cells may differ
     elsewhere = [] if calibrated else _elsewhere(model)
@@ -290,7 +291,7 @@ def _unusable(model: StringModel, records: Sequence[Record], doubts: Sequence[fl
 
 
 def _lacks(
-    fitted: Identified, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
+    fitted: Identified, records: Sequence[Record], doubts: Sequence[float], searched: Search | None
 ) -> list[str]:
     """Say that the readings show a missing part of the model; empty if they do not."""
     own = f": it needs an error of its own of {fitted.model_error_K:.2g} K" if fitted.model_error_K else ""
@@ -298,7 +299,11 @@ def _lacks(
     if structured or fails_held:
         where = "the surfaces" if structured else "readings that were held out"
         return [f"The model does not explain {where}{own}."]
-    asked = _lacking(fitted.closest, records, doubts, rounds)
+    found = searched or _search(fitted.closest, records, doubts)
+    asked = _lacking(found.asked)
+    rows_explain = found.left_open > 0.0 and not any(doubts)  # then they compete with what is in no catalogue too
+    if not asked and rows_explain and more_than_rows(found.baseline, records):
+        asked = LACKS_UNKNOWN
     return [asked] if asked else []
 
 
@@ -310,23 +315,17 @@ def _elsewhere(model: StringModel) -> list[str]:
     ]
 
 
-def _lacking(
-    fit: MapFit, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
-) -> str:
+def _lacking(rounds: Sequence[Sequence[Trial]]) -> str:
     """Say which effect a model lacks although it explains the surfaces; empty if it lacks none."""
-    if rounds is None:
-        rounds = _asked(fit, records, doubts)
     trials = rounds[0] if rounds else []
     named = next((t.candidate for t in trials if t.passed), None)
     if named is not None:
         return f"These records ask for {named.effect.title} ({named.key}), which the model lacks."
-    if any(t.log_odds > ONE.ahead for t in trials):
-        return "These records lack something that no single effect of the catalogue explains."
-    return ""
+    return LACKS_UNKNOWN if any(t.log_odds > ONE.ahead for t in trials) else ""
 
 
-def _asked(fit: MapFit, records: Sequence[Record], doubts: Sequence[float]) -> list[list[Trial]]:
-    """Return the rounds of the search by which `diagnose` would judge; the first one, where no other decides."""
+def _search(fit: MapFit, records: Sequence[Record], doubts: Sequence[float]) -> Search:
+    """Return the search by which `diagnose` would judge; of one round, where further ones decide nothing."""
     model, ready = fit.problem.model, fit.problem.records
     found = search(model, ready, ONE, doubts=doubts, baseline=fit)
     if (found.chosen or found.orphan) and not any(doubts) and rows_may_matter(fit, records):
@@ -334,7 +333,7 @@ def _asked(fit: MapFit, records: Sequence[Record], doubts: Sequence[float]) -> l
         found = search(model, ready, doubts=doubts, baseline=fit)
         if rows_are_open(found, records):
             found = search(model, ready, ONE, doubts=[r.sampling.doubt for r in records], baseline=fit)
-    return found.rounds
+    return found
 
 
 def numbers_far(fit: MapFit) -> list[str]:

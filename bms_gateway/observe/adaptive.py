@@ -29,7 +29,7 @@ from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
 from bms_gateway.observe.in_force import Heard, InForce
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
-from bms_gateway.observe.reversible import Reversible, with_reversible
+from bms_gateway.observe.reversible import Reversible, completed
 from bms_gateway.observe.sensitivity import (
     ENTROPIC_AT,
     PARAMETERS,
@@ -270,6 +270,7 @@ class AdaptiveObserver:
             Symbols of `PARAMETERS` to which the covariance belongs.
         covariance : ndarray (p, p)
             Of the logarithms, mV/K for reversible heat. Other parameters keep their variance, uncorrelated with these.
+            An R_e among them is known at the warmth that the cores have had of late (`from_here`).
         own : ndarray (n, 3, 3), optional
             Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells; None for the model's
             tolerances.
@@ -382,12 +383,10 @@ class AdaptiveObserver:
             states = self._state.x.shape[1]
             if (*x, x[-1]) == P and x[-1] != states:  # if x and P disagree, it is corrupt, not of another form
                 raise OtherStatesError(f"observer state: a string has {x[-1]} states in it, and {states} here")
-            snapshot = with_reversible(snapshot, len(self._inlet), self._of.cov[0])
-            S = len(self._inlet)
-            stored = {"gain": np.ones(S).tolist(), "u_0": np.zeros(S).tolist(), **snapshot["own"]}  # as in older states
+            snapshot = completed(snapshot, len(self._inlet), self._of.cov[0])
             reversible = Reversible(self._of.models, self._dt)
-            reversible.restore(stored)
-            own = {k: like(stored[k], value) for k, value in self._kept().items()}
+            reversible.restore(snapshot["own"])
+            own = {k: like(snapshot["own"][k], value) for k, value in self._kept().items()}
             usual = self._usual.restored(snapshot["own"])
             names = [f.name for f in fields(KalmanState)]
             state = KalmanState(**{k: like(snapshot["state"][k], getattr(self._state, k)) for k in names})
@@ -412,7 +411,8 @@ class AdaptiveObserver:
         except (IndexError, KeyError, TypeError, ValueError) as e:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
         if not all(
-            np.isfinite(a).all() for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned, bands.lag)
+            np.isfinite(a).all()
+            for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], own["u_0"], owned, bands.lag)
         ):
             raise StateError("observer state: holds values that are not numbers")
         self._of.restore(parameters, own["level"], own["cov"], own["gain"], own["u_0"])

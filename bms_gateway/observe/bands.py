@@ -18,7 +18,7 @@ from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.blocks import chosen
 from bms_gateway.observe.cell_scatter import as_tolerated, between_cells, of_centre, scatter, weights
 from bms_gateway.observe.model import Bools, Ints
-from bms_gateway.observe.sensitivity import APART_AT, Flows
+from bms_gateway.observe.sensitivity import LOGARITHMS, Flows
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
@@ -82,7 +82,7 @@ class Bands:
         self._still[:, at] = self._known(at, P, J, root)
         roots = chosen(root, at)
         self._more[at] = _squares(np.matmul(seen, roots))
-        self._firm[at] = _squares(np.matmul(seen[..., :APART_AT], roots[:, :APART_AT]))
+        self._firm[at] = _squares(np.matmul(seen[..., :LOGARITHMS], roots[:, :LOGARITHMS]))
 
     def rest_on(self, flows: Flows, sensors: Ints, read: Bools) -> None:
         """Choose the base of the levers: the coolant, or the cell's own surface where `read` (S, m) is true.

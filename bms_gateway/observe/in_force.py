@@ -116,7 +116,8 @@ class Heard:
     unread : ndarray (S, m), s
         Time since the last reading of each sensor.
     sd, firm : ndarray (S, m), K
-        Of the newest readings, from what was known before them; NaN for none. `firm` is without reversible heat.
+        Of the newest readings, from what was known before them; NaN for none. `firm` is without
+        reversible heat and warmth.
     fresh : bool
         Whether all sensors were read in the newest step.
     """

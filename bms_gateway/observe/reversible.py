@@ -125,8 +125,8 @@ def reversible(value: Floats, amps: Floats, core: Floats) -> Floats:
     return np.asarray(per_ampere(core) * np.einsum("sk,sk->s", value, amps)[:, None], dtype=np.float64)
 
 
-def with_reversible(snapshot: Mapping[str, Any], strings: int, known: Floats) -> dict[str, Any]:
-    """Complete an observer's snapshot by a version that knew no reversible heat, or no warmth: they come last.
+def completed(snapshot: Mapping[str, Any], strings: int, known: Floats) -> dict[str, Any]:
+    """Complete an observer's snapshot by a version that knew no gain, no reversible heat or no warmth.
 
     Parameters
     ----------
@@ -135,12 +135,15 @@ def with_reversible(snapshot: Mapping[str, Any], strings: int, known: Floats) ->
     known : ndarray (p, p)
         Covariance of a string's numbers today.
     """
-    own, numbers, prior = dict(snapshot["own"]), len(known), (*PRIOR_SD, float(known[-1, -1]) ** 0.5)
+    numbers, prior = len(known), (*PRIOR_SD, float(known[-1, -1]) ** 0.5)
+    nothing = np.zeros(strings).tolist()
+    older = {"gain": np.ones(strings).tolist(), "u_0": nothing, "charge": nothing}
+    own = older | {"entropic": np.zeros((strings, 2)).tolist()} | snapshot["own"]
     cov = np.array(own["cov"], np.float64)
     more = numbers - cov.shape[-1]
-    if more != (1 if "entropic" in own else len(prior)):
-        return dict(snapshot)
-    own = {"entropic": np.zeros((strings, 2)).tolist(), "charge": np.zeros(strings).tolist()} | own
+    if more != (1 if "entropic" in snapshot["own"] else len(prior)):
+        return {**snapshot, "own": own}
+    # the numbers that it did not know come last
     whole = np.tile(np.diag(np.square([*np.zeros(numbers - more), *prior[-more:]])), (strings, 1, 1))
     whole[:, :-more, :-more] = cov
     own["cov"], own["J"] = whole.tolist(), _wider(own["J"], more)

@@ -26,9 +26,11 @@ from bms_gateway.thermal.warmth import WARMTH, warmth
 SYMBOLS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f")
 PARAMETERS = (*SYMBOLS, "heat", *ENTROPIC, WARMTH)
 """Columns of J, each common to the cells of a string. `heat` scales measured heat, which was not computed as I²R_e. The
-last three are no logarithms (`reversible`)."""
-HEAT_AT, APART_AT, WARMTH_AT = len(SYMBOLS), len(SYMBOLS) + 1, len(PARAMETERS) - 1
-ENTROPIC_AT = slice(APART_AT, WARMTH_AT)
+last three are no logarithms (`reversible`, `thermal.warmth`)."""
+LOGARITHMS = len(SYMBOLS) + 1
+"""Number of columns that belong to logarithms; they come first."""
+HEAT_AT, WARMTH_AT = LOGARITHMS - 1, len(PARAMETERS) - 1
+ENTROPIC_AT = slice(LOGARITHMS, WARMTH_AT)
 
 FELT = 1e-6
 """K²: squared sensitivity of a state to ln R_e below which no heat is felt."""
@@ -105,7 +107,7 @@ class Flows:
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None], dtype=np.float64)
 
     def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats, amps: Floats | None = None) -> Floats:
-        """Rates of change by ln θ, and by the coefficients of reversible heat.
+        """Rates of change by ln θ, by the coefficients of reversible heat, and by the warmth's B.
 
         Parameters
         ----------

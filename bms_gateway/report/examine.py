@@ -79,7 +79,7 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     shown, experiment = card_of(d.search.baseline), experiment_of(d)
     taken = absorbed(d.identified[0].fit)
     tell(0.9, "finding the band of the core")
-    core = known_core(model, some, d.identified[0], d.search.asked)
+    core = known_core(model, some, d.identified[0], d.search)
     tell(0.93, "finding what the records say of named effects")
     curve = curve_of(d, some)
     tell(0.95, "finding what may be added")

@@ -13,16 +13,15 @@ from typing import Final
 
 import numpy as np
 
-from bms_gateway.thermal.entropy import KELVIN
+from bms_gateway.thermal.effects.laws import inverse
+from bms_gateway.thermal.effects.resistance_temperature import ResistanceTemperature
 from bms_gateway.thermal.parameters import Floats
 
 WARMTH: Final = "warmth"
 """B as a number of a string, 1000 K."""
-WARMTH_SD: Final = 1.5
-"""Of B, about 0, 1000 K: that of the effect `resistance_temperature`."""
-_SCALE, _REFERENCE = 1000.0, 1000.0 / 298.15
-COLDEST: Final = 150.0
-"""K: no cell is colder, and a trial of a fit may be."""
+_SCALE = 1000.0
+WARMTH_SD: Final = ResistanceTemperature.parameters[0].sd / _SCALE
+"""Of B, 1000 K: the sd of the effect, but about 0, because a file without the effect says that R_e is constant."""
 
 
 def warmth(core: Floats) -> Floats:
@@ -33,4 +32,4 @@ def warmth(core: Floats) -> Floats:
     >>> warmth(np.array([25.0, 45.0])).round(3).tolist()
     [0.0, -0.211]
     """
-    return np.asarray(_SCALE / np.maximum(core + KELVIN, COLDEST) - _REFERENCE, dtype=np.float64)
+    return np.asarray(_SCALE * inverse(core), dtype=np.float64)

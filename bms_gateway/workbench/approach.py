@@ -63,9 +63,7 @@ def approach(
     """
     start = model.unfitted
     base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
-    core = known_core(
-        model, records, known.identified[0] if known else None, rounds=known.search.asked if known else None
-    )
+    core = known_core(model, records, known.identified[0] if known else None, known.search if known else None)
     before = stair(errors(core.identified.fit), float(core.half_width_K.max()))
     show({"before": before, "after": before, "curves": preview(base, POINTS)})
     fit, shown, drawn_s = base, base.cost, monotonic()

@@ -182,7 +182,7 @@ def test_the_band_does_not_hang_on_who_has_worked_something_out_already(road):
     model = read_model(pack.model)
     records = read_measurements([pack.clean], model=model, config=None, string=None, columns={})
     plain = known_core(model, records)
-    spared = known_core(model, records, identify(model, records), diagnose(model, records).search.rounds)
+    spared = known_core(model, records, identify(model, records), diagnose(model, records).search)
     assert (spared.sd_K, spared.why) == (plain.sd_K, plain.why) == (plain.sd_K, ())
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bms_gateway.diagnosis import core_known
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, SHOWN, doubt, left_open, less_steps, shows_steps
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import diagnose
@@ -77,7 +78,7 @@ def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
     assert not found.unknown_remains
     # and a command that has no diagnosis at hand judges the core by the same search
     core = known_core(model, [record])
-    assert core.why == known_core(model, [record], found.identified[0], found.search.asked).why
+    assert core.why == known_core(model, [record], found.identified[0], found.search).why
     assert not any("ask for" in why or "lack something" in why for why in core.why)
 
 
@@ -90,6 +91,20 @@ def test_heat_without_current_is_unknown_although_the_rows_leave_room_for_its_si
     assert found.verdict == "unknown_effect", found.sentence
     assert found.unknown_remains
     assert not found.selected
+    core = known_core(model, [record])
+    assert not core.proven
+    assert core.why == known_core(model, [record], found.identified[0], found.search).why
+
+
+@pytest.mark.parametrize("more", [False, True])
+def test_a_core_is_not_proven_where_the_rows_explain_a_part_only(more, monkeypatch):
+    record, model = two_nodes(12, bleed_W=0.02)
+    found = diagnose(model, [record])
+    opened = replace(found.search, left_open=0.1, rounds=[])
+    monkeypatch.setattr(core_known, "more_than_rows", lambda *_: more)
+    core = core_known.known_core(model, [record], found.identified[0], opened)
+    assert (core_known.LACKS_UNKNOWN in core.why) is more
+    assert core.proven is not more
 
 
 def test_steps_where_the_readings_put_them_leave_white_noise():

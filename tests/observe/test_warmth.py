@@ -55,7 +55,7 @@ def test_the_core_is_in_its_band_though_its_resistance_changes_with_its_warmth(B
     assert np.sqrt(np.mean(sd**2)) < 5.0
 
 
-def test_at_the_reference_the_band_does_not_know_it() -> None:
+def test_at_25_degrees_the_warmth_moves_no_core() -> None:
     o = observer()
     follow(o, truth(0.0, 25.0)[1], 25.0)
     J = o.standing().J[0, 0]
@@ -122,5 +122,12 @@ def test_a_state_with_numbers_that_no_version_had_is_refused() -> None:
     stored = json.loads(json.dumps(o.snapshot()))
     k = len(PARAMETERS) - 2
     stored["own"]["cov"] = np.array(stored["own"]["cov"])[:, :k, :k].tolist()
+    with pytest.raises(StateError):
+        observer().restore(stored)
+
+
+def test_a_state_whose_warmth_is_no_number_is_refused() -> None:
+    stored = json.loads(json.dumps(observer().snapshot()))
+    stored["own"]["u_0"] = [None]
     with pytest.raises(StateError):
         observer().restore(stored)

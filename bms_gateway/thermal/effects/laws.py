@@ -18,6 +18,18 @@ LEAST_FACTOR = 0.05
 """A resistance never falls below this share of its value, so that a trial of a fit cannot change its sign."""
 
 
+def inverse(T: Floats) -> Floats:
+    """1/T − 1/298.15 K of temperatures in °C, 1/K.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(float(inverse(np.array(45.0))), 6)
+    -0.000211
+    """
+    return np.asarray(1.0 / np.maximum(T + KELVIN, COLDEST) - 1.0 / REFERENCE, dtype=np.float64)
+
+
 def activation(T: Floats, kelvin: float) -> Floats:
     """Arrhenius factor exp(kelvin·(1/T − 1/298.15 K)) of temperatures in °C: 1 at 25 °C.
 
@@ -27,7 +39,7 @@ def activation(T: Floats, kelvin: float) -> Floats:
     >>> float(activation(np.array(25.0), 3000.0))
     1.0
     """
-    return np.asarray(np.exp(kelvin * (1.0 / np.maximum(T + KELVIN, COLDEST) - 1.0 / REFERENCE)), dtype=np.float64)
+    return np.asarray(np.exp(kelvin * inverse(T)), dtype=np.float64)
 
 
 def factor(change: Floats) -> Floats:

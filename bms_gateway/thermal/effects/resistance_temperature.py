@@ -14,7 +14,7 @@ class ResistanceTemperature(Effect):
     Notes
     -----
     The prior is that of lithium-ion cells: kinetics and electrolyte between 20 and 35 kJ/mol, 2,000 to 4,000 K, and
-    less if a contact's share of R_e is large. Every part of the program uses this prior.
+    less if a contact's share of R_e is large. Every part of the program that fits B uses this prior.
     """
 
     name = "resistance_temperature"
