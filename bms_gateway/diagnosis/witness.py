@@ -25,8 +25,9 @@ from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import KINDS, Floats
 from bms_gateway.thermal.drive import Drive, cut
 from bms_gateway.thermal.effects import effect_named
-from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
+from bms_gateway.thermal.entropy import KELVIN
 from bms_gateway.thermal.physics import with_effect
+from bms_gateway.thermal.warmth import REFERENCE
 
 FAR = 2.5
 """Distance of a number from its data sheet, in sd of its prior, above which it is an alarm: one in eighty by chance."""

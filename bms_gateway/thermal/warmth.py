@@ -13,15 +13,29 @@ from typing import Final
 
 import numpy as np
 
-from bms_gateway.thermal.effects.laws import inverse
-from bms_gateway.thermal.effects.resistance_temperature import ResistanceTemperature
+from bms_gateway.thermal.entropy import KELVIN
 from bms_gateway.thermal.parameters import Floats
 
 WARMTH: Final = "warmth"
 """B as a number of a string, 1000 K."""
-_SCALE = 1000.0
-WARMTH_SD: Final = ResistanceTemperature.parameters[0].sd / _SCALE
-"""Of B, 1000 K: the sd of the effect, but about 0, because a file without the effect says that R_e is constant."""
+WARMTH_SD: Final = 1.5
+"""Of B, 1000 K: that of the effect `resistance_temperature`, which a service without effects does not load, but about
+0, because a file without the effect says that R_e is constant."""
+REFERENCE: Final = 298.15
+"""K: reference of temperature-dependent numbers."""
+COLDEST: Final = 100.0
+"""K: lower limit for a trial of a fit; no cell is colder."""
+
+
+def inverse(T: Floats) -> Floats:
+    """1/T − 1/298.15 K of temperatures in °C, 1/K.
+
+    Examples
+    --------
+    >>> round(float(inverse(np.array(45.0))), 6)
+    -0.000211
+    """
+    return np.asarray(1.0 / np.maximum(T + KELVIN, COLDEST) - 1.0 / REFERENCE, dtype=np.float64)
 
 
 def warmth(core: Floats) -> Floats:
@@ -32,4 +46,4 @@ def warmth(core: Floats) -> Floats:
     >>> warmth(np.array([25.0, 45.0])).round(3).tolist()
     [0.0, -0.211]
     """
-    return np.asarray(_SCALE * inverse(core), dtype=np.float64)
+    return np.asarray(1000.0 * inverse(core), dtype=np.float64)

@@ -11,6 +11,7 @@ from bms_gateway.observe.adaptive import AdaptiveObserver
 from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.sensitivity import PARAMETERS
 from bms_gateway.thermal import Prior, StringModel
+from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.warmth import WARMTH_SD
 
 C_c, C_s, R_e, R_c, R_u = 268.0, 18.8, 3.5e-3, 1.266, 0.79
@@ -53,6 +54,11 @@ def test_the_core_is_in_its_band_though_its_resistance_changes_with_its_warmth(B
     mean, sd = (np.array([getattr(e, k)[0, 0] for e in found])[late] for k in ("core", "core_sd"))
     assert (np.abs(mean - core[1:][late]) < 2.0 * sd).all()
     assert np.sqrt(np.mean(sd**2)) < 5.0
+
+
+def test_it_is_known_as_badly_as_the_effect() -> None:
+    (B,) = effect_named("resistance_temperature").parameters
+    assert B.sd / 1000.0 == WARMTH_SD
 
 
 def test_at_25_degrees_the_warmth_moves_no_core() -> None:

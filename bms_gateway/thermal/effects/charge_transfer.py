@@ -3,7 +3,8 @@
 import numpy as np
 
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
-from bms_gateway.thermal.effects.laws import KELVIN, activation
+from bms_gateway.thermal.effects.laws import activation
+from bms_gateway.thermal.entropy import KELVIN
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 

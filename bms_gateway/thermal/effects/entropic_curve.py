@@ -4,7 +4,8 @@ import numpy as np
 
 from bms_gateway.thermal.effects.base import EffectParameter, Values
 from bms_gateway.thermal.effects.entropic_heat import EntropicHeat
-from bms_gateway.thermal.effects.laws import KELVIN, by_knots
+from bms_gateway.thermal.effects.laws import by_knots
+from bms_gateway.thermal.entropy import KELVIN
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 

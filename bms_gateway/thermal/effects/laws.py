@@ -5,29 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from bms_gateway.thermal.parameters import Floats
+from bms_gateway.thermal.warmth import inverse
 
-KELVIN = 273.15
-REFERENCE = 298.15
-"""K: reference of temperature-dependent numbers."""
-COLDEST = 100.0
-"""K: lower limit for a trial of a fit; no cell is colder."""
 FEW = 64
 """Number of intervals up to which plain floats are used: as fast as scipy's filter, which the live gateway with its
 single intervals then need not load."""
 LEAST_FACTOR = 0.05
 """A resistance never falls below this share of its value, so that a trial of a fit cannot change its sign."""
-
-
-def inverse(T: Floats) -> Floats:
-    """1/T − 1/298.15 K of temperatures in °C, 1/K.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> round(float(inverse(np.array(45.0))), 6)
-    -0.000211
-    """
-    return np.asarray(1.0 / np.maximum(T + KELVIN, COLDEST) - 1.0 / REFERENCE, dtype=np.float64)
 
 
 def activation(T: Floats, kelvin: float) -> Floats:
