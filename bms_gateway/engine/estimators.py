@@ -167,9 +167,10 @@ class Estimators:
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
         e = group.observed.step(readings, measured, believed, age, of)
         square, inlet = group.observed.plainly(measured)
+        heating = square * group.observed.by_warmth()  # with R_e where it is known; identifiers find B themselves
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
         if group.watch is not None:
-            square_seen, inlet_seen = (I2, measured.inlet) if group.observed.shares else (square, inlet)
+            square_seen, inlet_seen = (I2, measured.inlet) if group.observed.shares else (heating, inlet)
             tick = HeatTick(square_seen, I, inlet_seen, y, age, flow, heat)
             core, core_sd = self._watched(group, t1, tick, (core, core_sd), found)
             if core is not e.core:  # sensor fault, or heat of the cell: the warmer value counts
@@ -181,7 +182,7 @@ class Estimators:
         felt = y > centre + ABOVE_K
         if felt.any():  # an accepted reading is the temperature of a point of the cell
             centre = np.where(felt, y, centre)
-        cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, square, dt))
+        cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, heating, dt))
         own = group.quality(readings)
         quality = group.doubtful(own, cold)
         if group.doubt is not None:

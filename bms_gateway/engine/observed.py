@@ -78,6 +78,10 @@ class Observed(Protocol):
         """Mean square current, A², and inlet, °C (S,), with which two plain nodes give the result of the last step."""
         ...
 
+    def by_warmth(self) -> Floats | float:
+        """R_e (S,) of the cores in these two nodes over R_e where it is known (`thermal.warmth`)."""
+        ...
+
     def looks_ahead(self) -> LooksAhead:
         """Make the outlook that forecasts from the observer's state."""
         ...
@@ -106,6 +110,10 @@ class PlainStrings:
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Return the square of the current and the inlet."""
         return driven.square, driven.inlet
+
+    def by_warmth(self) -> Floats | float:
+        """Return that of the mean core."""
+        return self.observer.by_warmth()
 
     def looks_ahead(self) -> LooksAhead:
         """Forecast with two nodes per cell."""
@@ -154,6 +162,10 @@ class StringWithEffects:
         """Return the equivalents of its effects."""
         effective, shift = self.observer.effective
         return np.where(np.isnan(driven.square), np.nan, effective), driven.inlet + shift
+
+    def by_warmth(self) -> Floats | float:
+        """Return 1: `plainly` includes what its effects do."""
+        return 1.0
 
     def looks_ahead(self) -> LooksAhead:
         """Forecast with the full physics."""

@@ -1,7 +1,8 @@
 r"""Effects that every real cell may have; every window's fit carries them, whether or not the model file names them.
 
 A window's model has two nodes per cell, I²R_e and a coolant. A real cell also loses heat from its ends, cools a little
-by its entropy and distributes its heat over its radius, and its thermocouple is influenced by the air. Without these
+by its entropy and distributes its heat over its radius, its R_e falls as it warms, and its thermocouple is influenced
+by the air. Without these
 effects, a fit would change R_c, R_u and the capacities instead, with full confidence. So each effect below has a
 coefficient v with the prior N(0, 1), in units of its usual size in cells of vehicles. The surfaces are linear in v as
 long as the effects are small:
@@ -31,6 +32,7 @@ from bms_gateway.thermal import (
     film,
 )
 from bms_gateway.thermal.entropy import ENTROPIC_SD, ENTROPIC_SLOPE_SD, KELVIN
+from bms_gateway.thermal.warmth import WARMTH, warmth
 
 STEP_S = 8.0
 LEAST_SHARE, MOST_SHARE = 0.03, 0.95
@@ -53,9 +55,11 @@ NAMES = (
     "contact",  # thermocouple reads 3 % of the coolant
     "lag",  # thermocouple lags by 1.5 s
     "roll",  # heat of the roll is spread over its radius
+    WARMTH,  # R_e follows the temperature of its core
 )
-ROLL_AT = NAMES.index("roll")
-"""The roll is no response to be added but a state of each cell (`thermal.roll`): it is not linear in its share."""
+ROLL_AT, WARMTH_AT = NAMES.index("roll"), NAMES.index(WARMTH)
+"""These two are no responses to be added, because they are not linear: the roll is a state of each cell
+(`thermal.roll`), and the warmth of a core changes the R_e that makes its heat (`thermal.warmth`)."""
 
 
 def roll_share(v: float) -> float:
@@ -143,19 +147,27 @@ class Carried:
         coolant. An observer without the effects has R_e (or the gain of heat from voltage) and R_u changed by these.
     last : ndarray (2n, v), K
         Cores and casings at the end, without errors of the thermocouples.
+    core : ndarray (C, n), °C
+        Undisturbed, in the middle of the coarse steps.
     """
 
     readings: Floats
     shares: Floats
     last: Floats
+    core: Floats
 
     def times(self, size: float) -> "Carried":
         """Effects of `size` units."""
-        return Carried(size * self.readings, size * self.shares, size * self.last)
+        return Carried(size * self.readings, size * self.shares, size * self.last, self.core)
 
 
 def columns(
-    p: StringParameters, course: Course, x0: Floats, surface: Floats, sensed: list[int], dt: float
+    p: StringParameters,
+    course: Course,
+    x0: Floats,
+    surface: Floats,
+    sensed: list[int],
+    B: float = 0.0,
 ) -> "Carried":
     """Compute the addition of one unit of each carried effect to the readings.
 
@@ -171,8 +183,8 @@ def columns(
         Undisturbed surfaces of the sensed cells at the ticks' instants.
     sensed : list of int
         0-based, m of them.
-    dt : float, s
-        Of a tick.
+    B : float, 1000 K
+        With which R_e follows the warmth of each core.
 
     References
     ----------
@@ -183,16 +195,19 @@ def columns(
     casing = np.zeros((2 * n, n))
     casing[np.arange(1, 2 * n, 2), np.arange(n)] = 1.0 / p.C_s
     step = discretize(ContinuousString(s.A, np.hstack((s.B_q, casing)), s.B_f), course.dt)
-    made = np.outer(course.square, p.R_e) + np.outer(course.heat, p.R_e / np.mean(p.R_e))
-    X = np.empty((len(made) + 1, 2 * n))
+    given = np.outer(course.heat, p.R_e / np.mean(p.R_e))
+    X, R_e = np.empty((len(given) + 1, 2 * n)), np.empty_like(given)
     X[0] = x0
-    known = made @ step.B_q[:, :n].T + np.outer(course.inlet[:-1], step.B_f0) + np.outer(course.inlet[1:], step.B_f1)
+    known = given @ step.B_q[:, :n].T + np.outer(course.inlet[:-1], step.B_f0) + np.outer(course.inlet[1:], step.B_f1)
     for k, forced in enumerate(known):
-        X[k + 1] = step.A @ X[k] + forced
+        R_e[k] = p.R_e * np.exp(B * warmth(X[k, 0::2]))
+        X[k + 1] = step.A @ X[k] + step.B_q[:, :n] @ (course.square[k] * R_e[k]) + forced
+    made = given + course.square[:, None] * R_e
     M, m = coolant_path(p)
     T_c, T_s = X[:, 0::2], X[:, 1::2]
     T_f = T_s @ M.T + np.outer(course.inlet, m)
-    into = _forcing(p, course, *((T[1:] + T[:-1]) / 2.0 for T in (T_c, T_s, T_f)))
+    middle = [(T[1:] + T[:-1]) / 2.0 for T in (T_c, T_s, T_f)]
+    into = _forcing(p, course, R_e, *middle)
     out = np.zeros((len(X), len(sensed), len(NAMES)))
     x = np.zeros((2 * n, len(NAMES)))
     at = [2 * k + 1 for k in sensed]
@@ -201,14 +216,19 @@ def columns(
         out[k + 1] = x[at]
     fine = course.at_ticks(out)
     fine[:, :, NAMES.index("contact")] += 0.03 * (course.at_ticks(T_f[:, sensed]) - surface)
-    fine[:, :, NAMES.index("lag")] -= 1.5 * np.gradient(surface, dt, axis=0) if len(surface) > 1 else 0.0
+    fine[:, :, NAMES.index("lag")] -= (
+        1.5 * np.gradient(surface, course.dt / course.per, axis=0) if len(surface) > 1 else 0.0
+    )
     heat, cooled = (max(float(abs(np.mean(w))), LEAST_W) for w in (made, (T_s - T_f) * film(p)))
     shares = np.stack([into[:, :n].mean(axis=(0, 1)) / heat, into[:, n:].mean(axis=(0, 1)) / cooled])
-    return Carried(fine, shares, x)
+    return Carried(fine, shares, x, middle[0])
 
 
-def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floats) -> Floats:
-    """Heat into cores and flow into casings (C, 2n, v), W, for one unit of each effect."""
+def _forcing(p: StringParameters, u: Course, R_e: Floats, T_c: Floats, T_s: Floats, T_f: Floats) -> Floats:
+    """Heat into cores and flow into casings (C, 2n, v), W, for one unit of each effect.
+
+    `R_e` (C, n) is that of the cores at their temperatures.
+    """
     n, C = p.cells, len(u.square)
     out = np.zeros((C, 2 * n, len(NAMES)))
     core, casing = out[:, :n], out[:, n:]
@@ -220,8 +240,8 @@ def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floa
     core[:, :, 0] = HEAT_GAIN_SD * heat * (p.R_e / np.mean(p.R_e))
     core[:, :, 1] = -ENTROPIC_SD * reversible
     core[:, :, 2] = -ENTROPIC_SLOPE_SD * u.charge[:, None] * reversible
-    core[:, :, 3] = 0.3 * ohmic * p.R_e * (rms * u.magnitude[:, None] - square)
-    core[:, :, 4] = 0.15 * p.R_e * u.charging[:, None]
+    core[:, :, 3] = 0.3 * ohmic * R_e * (rms * u.magnitude[:, None] - square)
+    core[:, :, 4] = 0.15 * R_e * u.charging[:, None]
     core[:, :, 5] = -0.1 * (T_c - T_f) / (p.R_c + p.R_u)
     casing[:, :, 6] = 0.4 * cooled
     casing[:, :, 7] = -0.06 * (T_s - u.inlet[0]) * cooled

@@ -89,7 +89,7 @@ class Posterior:
     heat : HeatGain or None
         Gain of heat from voltage, if the data contained such heat.
     apart : Apart or None
-        The same for an observer that reckons with reversible heat; None if none was found.
+        The same for an observer that knows reversible heat and R_e of warm cores; None if none was found.
     """
 
     names: tuple[str, ...]
@@ -108,8 +108,8 @@ class Posterior:
     def for_observer(self, model: StringModel) -> tuple[dict[str, float | Floats], tuple[str, ...], Floats]:
         """Values, names and covariance as the observer of a string takes them.
 
-        Where the model has effects, its observer knows no reversible heat but theirs: that of the windows is then left
-        in the parameters.
+        Where the model has effects, its observer knows no others: what the windows found of them is then left in the
+        parameters.
         """
         mine = self.apart if not model.effects else None
         k = len(self.names)
@@ -122,28 +122,31 @@ class Posterior:
         beside = dict(zip(mine.names[k:], mine.mean[k:].tolist(), strict=True))
         if "heat" in beside:
             beside["heat"] = float(np.exp(beside["heat"]))
-        return {**values, **beside, "charge": mine.charge}, mine.names, mine.cov
+        return {**values, **beside, "charge": mine.charge, "u_0": mine.warmth}, mine.names, mine.cov
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """Parameters and, not included in them, reversible heat.
+    """Parameters and, not included in them, reversible heat and how R_e follows its core.
 
     Attributes
     ----------
     names : tuple of str
-        Those of the posterior, `heat` if there is a gain, then `ENTROPIC`.
+        Those of the posterior, `heat` if there is a gain, then those of `for_observer.APART`.
     mean : ndarray (k,)
-        Logarithms; mV/K of reversible heat.
+        Logarithms; mV/K of reversible heat; 1000 K of B (`thermal.warmth`).
     cov : ndarray (k, k)
     charge : float
         Moved until now since the charge at which the entropic coefficient is stated, as a share of the capacity.
+    warmth : float
+        At which R_e is stated.
     """
 
     names: tuple[str, ...]
     mean: Floats
     cov: Floats
     charge: float
+    warmth: float
 
 
 @dataclass(frozen=True, slots=True)

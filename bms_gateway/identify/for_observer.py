@@ -5,16 +5,21 @@ Beyond Lin et al., Eq 1.
 
 import numpy as np
 
-from bms_gateway.identify.carried import NAMES
+from bms_gateway.identify.carried import NAMES, WARMTH_AT
 from bms_gateway.identify.identifiable import R_E, R_U
 from bms_gateway.identify.window_problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.entropy import ENTROPIC, PRIOR_SD
+from bms_gateway.thermal.warmth import WARMTH, WARMTH_SD
 
 MOST_SHARE = 0.5
 """Largest share of a window's heat that one unit of a carried effect may have: above, the window has hardly any
 heat."""
-ENTROPIC_AT = np.array([NAMES.index(name) for name in ENTROPIC])
+APART = (*ENTROPIC, WARMTH)
+"""Carried effects that an observer knows as numbers of its own."""
+APART_SD = (*PRIOR_SD, WARMTH_SD)
+"""Of these: mV/K of reversible heat, 1000 K of B."""
+APART_AT = np.array([NAMES.index(name) for name in APART])
 
 
 def effective(problem: Problem, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
@@ -37,19 +42,21 @@ def effective(problem: Problem, mean: Floats, cov: Floats) -> tuple[Floats, Floa
 
 
 def apart(problem: Problem, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
-    """As `effective`, but reversible heat is in no share and follows as numbers of its own.
+    """As `effective`, but the effects `APART` are in no share and follow as numbers of their own.
 
-    Its mean over a window says little about the time after it, when the current may have the other sign.
+    Their mean over a window says little about the time after it, when the current may have the other sign and the
+    cores another temperature.
 
     Returns
     -------
-    ndarray (p + 3,), ndarray (p + 3, p + 3)
-        With the numbers `ENTROPIC` at the end, mV/K, the first at the mean charge of the window.
+    ndarray (p + 4,), ndarray (p + 4, p + 4)
+        With the numbers `APART` at the end, the first at the mean charge of the window. R_e is that at its warmth
+        (`CoresOfRoots`).
     """
-    A, at = _in_shares(problem), problem.p + ENTROPIC_AT
-    A[:, at] = 0.0
-    own = np.zeros((len(ENTROPIC), problem.P))
-    own[np.arange(len(ENTROPIC)), at] = problem.size * np.array(PRIOR_SD)
+    A, at = _in_shares(problem), problem.p + APART_AT
+    A[:, at[: len(ENTROPIC)]] = 0.0
+    own = np.zeros((len(APART), problem.P))
+    own[np.arange(len(APART)), at] = problem.size * np.array(APART_SD)
     A = np.vstack([A, own])
     return A @ mean, A @ cov @ A.T
 
@@ -60,5 +67,6 @@ def _in_shares(problem: Problem) -> Floats:
     A = np.zeros((p + 1, problem.P))
     A[:p, :p] = np.eye(p)
     A[p if np.any(problem.inputs.heat != 0.0) else R_E, p:], A[R_U, p:] = shares
+    A[R_E, p + WARMTH_AT] = problem.B_unit * problem.cores.mean  # R_e at the warmth of the window
     A[np.setdiff1d(np.arange(p), problem.sought.free), p:] = 0.0
     return A

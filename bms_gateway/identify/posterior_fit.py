@@ -12,9 +12,9 @@ r"""Fit of one window: maximum a posteriori over parameters, start, drift of the
 came
   from its core, except the little that the casing stores. So a hot start during a drive favours neither root, and R_c
   moves the core with it. Both are correlated between the cells (one pack, one garage).
-* b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its present value. A real
-  cell's resistance falls as it warms (one more element of b follows the measured surface). Without b, this looks like a
-  time constant, and R_c and R_u are confidently wrong.
+* b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its present value. Without
+  b, this looks like a time constant, and R_c and R_u are confidently wrong.
+* R_e of each core follows its temperature with an unknown B, one of v (`thermal.warmth`). R_e in φ is that at 25 °C.
 * κ: gain of the inlet's deviations from its mean. A reading that moves no more than its own error contains no
 information
   on μ, although the equations without κ would use it.
@@ -40,6 +40,7 @@ from typing import Literal
 
 import numpy as np
 
+from bms_gateway.identify.carried import WARMTH_AT
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.for_observer import apart, effective
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
@@ -77,7 +78,9 @@ class Fit:
         Posterior of φ including the carried effects, and of the logarithm of the gain of heat from voltage; of both
         roots together if neither can be excluded.
     apart : tuple of ndarray (p + 3,), (p + 3, p + 3)
-        The same with reversible heat as numbers of its own (`for_observer.apart`).
+        The same with some effects as numbers of their own (`for_observer.apart`).
+    warmth : float
+        At which R_e is stated there (`thermal.warmth`).
     end : ndarray (2n,)
         (T_s, e) at the end of the window.
     other_root : float
@@ -97,6 +100,7 @@ class Fit:
     mean: Floats
     cov: Floats
     apart: tuple[Floats, Floats]
+    warmth: float
     end: Floats
     other_root: float
     walk: float
@@ -168,7 +172,7 @@ def _fitted(job: WindowJob) -> Fit:
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     doubt = 1.0
-    sound = float(np.hypot(SOUND_SLOW, problem.rounding))
+    sound = float(np.hypot(SOUND_SLOW, problem.means.rounding))
     least = max(sizes.slow / sound, float(np.sqrt(sizes.walk / SOUND_WALK)), job.least_doubt)
     for _ in range(TRIES):
         factor = max(problem.noisier(point, mean[:p], sizes), least / doubt)
@@ -190,19 +194,20 @@ def _fitted(job: WindowJob) -> Fit:
         step, wider = problem.mean_of_cells(point, told)
         cov += wider - problem.covariance(point)
         mean = np.append(problem.inside(mean[:p], step[:p]), mean[p:] + step[p:])
-    back = np.eye(len(told.pull))
-    back[:p, :p] = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
+    back, P = np.eye(len(told.pull)), problem.P
+    D = problem.lumped_slopes(point.phi, problem.cores.mean)
+    back[:P, :P] = np.linalg.inv(D)
     info_z = back.T @ told.H @ back
     rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.means.valid.any() else np.nan
-    z = lumped(point.phi, model.has_conduction)
+    z = lumped(point.phi, model.has_conduction) + D[:p, p + WARMTH_AT] * point.xi[WARMTH_AT]
     v = np.zeros(len(told.pull))
     v[p : problem.P] = point.xi[:V]
     grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
     own = apart(problem, mean, cov)
     mean, cov = effective(problem, mean, cov)
     return Fit(
-        Evidence(z, 0.5 * (info_z + info_z.T), grad_z),
-        point.phi, mean, cov, own, point.end, other, sizes.walk, sizes.white, sizes.slow,
+        Evidence(z, 0.5 * (info_z + info_z.T), grad_z, problem.cores.mean),
+        point.phi, mean, cov, own, problem.cores.mean, point.end, other, sizes.walk, sizes.white, sizes.slow,
         sizes.tau, rms, doubt,
     )  # fmt: skip
 
@@ -222,14 +227,20 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
     back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))
     if not problem.feasible(other) or 0.5 * jump @ (back.T @ info @ back) @ jump > 20.0:
         return point, here, cov, 0.0  # the inlet moved enough to exclude the other root
+    problem.cores.seek_other()
     twin = problem.minimise(other, point.xi, sizes, 1.0, 10)
+    twin = problem.minimise(twin.phi, twin.xi, sizes, 1.0, 10)  # with the cores that it has found
     if np.max(np.abs(twin.phi - point.phi)) < 0.05:  # it returned: there is only one mode
         mean, cov = _leaning(problem, point, other, sizes, cov)
+        problem.keep_root(point, other=False)
         return point, mean, cov, 0.0
-    weight = 1.0 / (1.0 + np.exp(np.clip(problem.score(twin) - problem.score(point), -50.0, 50.0)))
+    scores = problem.score(twin), problem.score(point)
+    weight = 1.0 / (1.0 + np.exp(np.clip(scores[0] - scores[1], -50.0, 50.0)))
     there = np.append(twin.phi, twin.xi[:V])
-    if weight > 0.5:
+    better = weight > 0.5
+    if better:
         point, twin, here, there, weight = twin, point, there, here, 1.0 - weight
+    problem.keep_root(point, other=better)
     apart = there - here
     cov = (1.0 - weight) * problem.covariance(point) + weight * problem.covariance(twin)
     return point, here + weight * apart, cov + weight * (1.0 - weight) * np.outer(apart, apart), float(weight)

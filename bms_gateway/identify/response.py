@@ -40,6 +40,10 @@ class Inputs:
         Size of each shape, relative.
     swing : float
         Gain of the inlet's deviations from its mean: 1 if the cells feel the measured inlet.
+    warmth : Warmth or None
+        Of the cores; None if R_e does not follow them.
+    B : float, 1000 K
+        With which R_e follows the warmth (`thermal.warmth`); heat from voltage does not.
     """
 
     mean_square_current: Floats
@@ -49,22 +53,63 @@ class Inputs:
     drift: Floats
     departure: Floats
     swing: float = 1.0
+    warmth: "Warmth | None" = None
+    B: float = 0.0
 
     def stacked(self) -> Floats:
-        """(K, 4): I², heat, inlet at the start and at the end of each step."""
-        gain = 1.0 + self.drift @ self.departure
+        """(K, 4 or 5): I², heat, inlet at the start and at the end of each step; with a warmth, I² times its course."""
+        gain = self.gain
         inlet = self.inlet + (self.swing - 1.0) * (self.inlet - self.inlet.mean())
-        return np.column_stack([gain * self.mean_square_current, gain * self.heat, inlet[:-1], inlet[1:]])
+        some = [gain * self._warmed, gain * self.heat, inlet[:-1], inlet[1:]]
+        return np.column_stack(some if self.warmth is None else [*some, some[0] * self.warmth.course])
+
+    @property
+    def gain(self) -> Floats:
+        """Heat (K,) over that of a constant R_e."""
+        return np.asarray(1.0 + self.drift @ self.departure, dtype=np.float64)
+
+    @property
+    def _warmed(self) -> Floats:
+        """Mean square current (K,) that would make the same heat at 25 °C, A²."""
+        if self.warmth is None:
+            return self.mean_square_current
+        return np.asarray(self.mean_square_current * np.exp(self.B * self.warmth.mean), dtype=np.float64)
 
     def variations(self) -> Floats:
-        """(K, 4, J + 1): inputs by `departure` and by `swing`."""
+        """(K, 4 or 5, J + 1 or 2): inputs by `departure`, by `swing`, and by `B` of the mean if there is a warmth."""
         K, J = self.drift.shape
-        out = np.zeros((K, 4, J + 1))
-        out[:, 0, :J] = self.mean_square_current[:, None] * self.drift
+        more, warmed = 0 if self.warmth is None else 1, self._warmed
+        out = np.zeros((K, 4 + more, J + 1 + more))
+        out[:, 0, :J] = warmed[:, None] * self.drift
         out[:, 1, :J] = self.heat[:, None] * self.drift
         moved = self.inlet - self.inlet.mean()
         out[:, 2, J], out[:, 3, J] = moved[:-1], moved[1:]
+        if self.warmth is not None:
+            out[:, 4, :J] = out[:, 0, :J] * self.warmth.course[:, None]
+            out[:, 0, J + 1] = self.gain * warmed * self.warmth.mean
+            out[:, 4, J + 1] = out[:, 0, J + 1] * self.warmth.course
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class Warmth:
+    """Warmth of n cores over K steps (`thermal.warmth`), as their mean and one pattern of their differences from it.
+
+    Attributes
+    ----------
+    mean, course : ndarray (K,)
+    profile : ndarray (n,)
+        Warmth of cell i at step k: mean[k] + course[k] profile[i].
+    """
+
+    mean: Floats
+    course: Floats
+    profile: Floats
+
+    @classmethod
+    def nothing(cls, steps: int, cells: int) -> "Warmth":
+        """Cores at 25 °C."""
+        return cls(np.zeros(steps), np.zeros(steps), np.zeros(cells))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +121,8 @@ class Response:
     surface : ndarray (S, K + 1, m)
     last : ndarray (S, 2n)
     surface_by_start : ndarray (K + 1, m, 2n)
-    surface_by_input : ndarray (K + 1, m, J + 1)
-        By `departure` and `swing`.
+    surface_by_input : ndarray (K + 1, m, J + 1 or 2)
+        As of `Inputs.variations`.
     """
 
     surface: Floats
@@ -92,6 +137,7 @@ def respond(
     x0: Floats,
     sensed: Sequence[int],
     share: float | Sequence[float] = 0.0,
+    B: float | Sequence[float] = 0.0,
 ) -> Response:
     """Simulate S parameter sets.
 
@@ -107,13 +153,15 @@ def respond(
     share : float or sequence of float
         Share of R_c within the jelly roll (`thermal.roll`), for all sets or for each. If it is 0, in all sets or in
         none, a core is one node. A roll starts with the profile of steady heating.
+    B : float or sequence of float, 1000 K
+        With which R_e follows the differences of the cores' warmth, for all sets or for each.
 
     References
     ----------
     Lin et al., Eq 1 and 18, solved for many parameter sets.
     """
     shares = np.broadcast_to(share, len(sets)).tolist()
-    w = _Blocks.of(sets, inputs, sensed, shares)
+    w = _Blocks.of(sets, inputs, sensed, shares, np.broadcast_to(B, len(sets)).tolist())
     K, L, m = len(w.u), len(w.reach), len(sensed)
     N, n = w.step.shape[1], sets[0].cells
     X, x = w.starts(np.array([resting(n, own) @ x for own, x in zip(shares, x0, strict=True)]))
@@ -151,7 +199,8 @@ def surfaces(
     """
     for first in range(0, len(sets), TOGETHER):
         some = slice(first, min(first + TOGETHER, len(sets)))
-        w = _Blocks.of(sets[some], inputs, sensed, [0.0] * len(sets[some]))
+        nothing = [0.0] * len(sets[some])
+        w = _Blocks.of(sets[some], inputs, sensed, nothing, nothing)
         yield some, w.surface(w.starts(x0[some])[0])
 
 
@@ -189,9 +238,15 @@ class _Blocks:
 
     @classmethod
     def of(
-        cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int], shares: Sequence[float]
+        cls,
+        sets: Sequence[StringParameters],
+        inputs: Inputs,
+        sensed: Sequence[int],
+        shares: Sequence[float],
+        B: Sequence[float],
     ) -> "_Blocks":
-        A, B = _discrete(sets, inputs.dt, shares)
+        own = None if inputs.warmth is None else np.outer(B, inputs.warmth.profile)
+        A, by_input = _discrete(sets, inputs.dt, shares, own)
         read = [2 * k + 1 for k in sensed]
         u = inputs.stacked()
         K, r = u.shape
@@ -199,7 +254,7 @@ class _Blocks:
         m, L = len(sensed), min(BLOCK, K)
         reach = np.empty((L, S, N, r))
         see = np.empty((L, S, m, N))
-        G, seen = B, A[:, read]
+        G, seen = by_input, A[:, read]
         for j in range(L):  # narrow products: powers of A would cost as many times more as a string has states
             reach[j], see[j] = G, seen
             G, seen = A @ G, seen @ A
@@ -212,7 +267,7 @@ class _Blocks:
         padded = np.zeros((blocks * L, r))
         padded[:K] = u
         observe = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
-        return cls(A, B, u, padded.reshape(blocks, L * r).T, reach, step, observe, toeplitz, read)
+        return cls(A, by_input, u, padded.reshape(blocks, L * r).T, reach, step, observe, toeplitz, read)
 
     def starts(self, x0: Floats) -> tuple[Floats, Floats]:
         """States at the start of each block (S, N, blocks), and of the last one (S, N)."""
@@ -237,7 +292,7 @@ class _Blocks:
         return out
 
     def by_input(self, inputs: Inputs) -> Floats:
-        """Return the slopes of set 0's surfaces by the inputs' variations (K + 1, m, J + 1): same blocks, from zero."""
+        """Return the slopes of set 0's surfaces by `Inputs.variations` (K + 1, m, ·): same blocks, from zero."""
         V = inputs.variations()
         K, r, J = V.shape
         N, L, m = self.step.shape[1], len(self.reach), len(self.read)
@@ -254,10 +309,18 @@ class _Blocks:
         return out[: K + 1]
 
 
-def _discrete(sets: Sequence[StringParameters], dt: float, shares: Sequence[float]) -> tuple[Floats, Floats]:
-    """Discretise: A (S, N, N) and B (S, N, 4) for the inputs I², mean heat, inlet at start and end."""
+def _discrete(
+    sets: Sequence[StringParameters], dt: float, shares: Sequence[float], own: Floats | None
+) -> tuple[Floats, Floats]:
+    """Discretise: A (S, N, N) and B (S, N, r) for the inputs I², mean heat, inlet at start and end.
+
+    With `own` (S, n), there is a fifth input, I² times the course of the cores' differences in warmth: it makes heat in
+    each cell by its R_e times `own`.
+    """
     rolled = [with_roll(continuous(p), p, share) for p, share in zip(sets, shares, strict=True)]
     heats = [np.column_stack([p.R_e, p.R_e / np.mean(p.R_e)]) for p in sets]
+    if own is not None:
+        heats = [np.column_stack([heat, p.R_e * mine]) for heat, p, mine in zip(heats, sets, own, strict=True)]
     d = discretize(
         ContinuousString(
             np.array([s.A for s in rolled]),
@@ -266,4 +329,5 @@ def _discrete(sets: Sequence[StringParameters], dt: float, shares: Sequence[floa
         ),
         dt,
     )
-    return d.A, np.concatenate([d.B_q, d.B_f0[:, :, None], d.B_f1[:, :, None]], axis=2)
+    B = [d.B_q[:, :, :2], d.B_f0[:, :, None], d.B_f1[:, :, None], d.B_q[:, :, 2:]]
+    return d.A, np.concatenate(B, axis=2)

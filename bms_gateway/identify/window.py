@@ -26,7 +26,7 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.entropic_charge import EntropicCharge
-from bms_gateway.identify.for_observer import ENTROPIC_AT
+from bms_gateway.identify.for_observer import APART_AT, APART_SD
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import Fit, Root, WindowJob
 from bms_gateway.identify.ticks import Ticks, before_full
@@ -46,6 +46,8 @@ CARRIED_DRIFT = 0.3
 DOUBTED = 3.0
 """Factor on the noise (`Fit.doubt`) from which cores are not proven. Simulated cells without a missing effect stay at
 1.0; where a missing effect moved the core out of its band, it was 8 and more."""
+OTHER_WARMTH = 0.3
+"""ln: sd of R_e at 25 °C where R_e is known at another temperature that cells have while driving (`thermal.warmth`)."""
 FORGOTTEN = 10.0
 """ln: a step of R_u that removes all earlier knowledge of it."""
 
@@ -225,7 +227,7 @@ class WindowIdentifier:
         if self._windows:
             part = np.sqrt(now.length_s / WALK_S)
             p, V = len(self._names), len(CARRIED)
-            level, slope = (p + ENTROPIC_AT).tolist()
+            level, slope = (p + APART_AT[: len(PRIOR_SD)]).tolist()
             evidence = evidence.at_charge(apart, (level, slope))
             steps = np.full(2 + V, CARRIED_DRIFT) * part
             steps[:2] = max(self._walk, 0.01) * part, self._settings.cooling_drift * part
@@ -249,7 +251,7 @@ class WindowIdentifier:
         p = len(self._names)
         looked, self._out = self._out == "look", ""
         mean, cov = self._as_shown(result.mean, result.cov)
-        self._entropy.answer(*self._as_shown(*result.apart), looked=looked)
+        self._entropy.answer(*self._as_shown(*result.apart), result.warmth, looked=looked)
         self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt)
         if looked:
             return
@@ -263,7 +265,7 @@ class WindowIdentifier:
         """Reduce what a fit says of a cell of unknown size; see `unsized`."""
         if not self._shown > 0.0:
             return mean, cov
-        beside = (HEAT_GAIN_SD, *PRIOR_SD)[: len(mean) - len(self._names)]
+        beside = (HEAT_GAIN_SD, *APART_SD)[: len(mean) - len(self._names)]
         known, known_sd = np.append(self._prior_mean, np.zeros(len(beside))), np.append(self._prior_sd, beside)
         return as_shown(mean, cov, known, known_sd, R_C, self._shown)
 
@@ -337,6 +339,7 @@ class WindowIdentifier:
             **{k: v.tolist() for k, v in arrays.items()},
             "other_root": self._other_root,
             "walk": self._walk,
+            "warmth": e.warmth,
             "windows": self._windows,
             "from_voltage": self._from_voltage,
             "gain": told.gain,
@@ -353,22 +356,28 @@ class WindowIdentifier:
         StateError
             The snapshot belongs to another method or structure, or is not finite.
         """
-        names = [*self._names, *CARRIED]
-        if state.get("method") != "window" or state.get("names") != names:
+        names, p = [*self._names, *CARRIED], len(self._names)
+        older = state.get("names") == names[:-1]
+        if state.get("method") != "window" or not (older or state.get("names") == names):
             raise StateError("identified parameters: the stored state is of another method or string; starting anew")
-        p = len(self._names)
+        if older:
+            state = _with_warmth(state, p + len(CARRIED) - 1)
         c = p + len(CARRIED) + departures(self._model)
         shapes = {"z0": (p,), "mean": (p,), "guess": (p,), "grad": (c,), "info": (c, c), "cov": (p, p)}
         shapes["gain_cov"] = (p + 1,)
-        vectors = {k: np.array(state[k], dtype=np.float64) for k in shapes}
+        vectors, warmth = {k: np.array(state[k], dtype=np.float64) for k in shapes}, float(state.get("warmth", 0.0))
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
         try:
-            self._entropy = self._entropy.restored(state.get("entropy"), p + 1 + len(PRIOR_SD))
+            self._entropy = self._entropy.restored(state.get("entropy"), p + 1 + len(APART_SD))
         except (KeyError, TypeError, ValueError) as e:
             raise StateError("identified parameters: the stored state is damaged; starting anew") from e
-        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
+        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"], warmth)
         self._guess = vectors["guess"]
+        if older:  # at which temperature it knew R_e is not told
+            along = np.zeros((c, 1))
+            along[:p, 0] = lumped_jacobian(self._guess, self._model.has_conduction)[:, R_E]
+            self._evidence = self._evidence.forget(along, np.array([OTHER_WARMTH]))
         self._told = _Told(
             vectors["mean"], vectors["cov"], float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
         )
@@ -376,6 +385,18 @@ class WindowIdentifier:
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._out = ""
         self.now = WindowNow()
+
+
+def _with_warmth(state: Mapping[str, Any], at: int) -> dict[str, Any]:
+    """Complete the state of a version whose windows held R_e to be the same at all temperatures, by no evidence.
+
+    `at` is the place of the warmth in the evidence. What the observer is told beside the parameters follows with the
+    next window.
+    """
+    info, grad = np.array(state["info"], np.float64), np.array(state["grad"], np.float64)
+    info = np.insert(np.insert(info, at, 0.0, axis=0), at, 0.0, axis=1)
+    entropy = {"at": state["entropy"]["at"]} if state.get("entropy") else None
+    return {**state, "info": info.tolist(), "grad": np.insert(grad, at, 0.0).tolist(), "entropy": entropy}
 
 
 def _since(model: StringModel) -> dict[str, Prior]:

@@ -34,6 +34,8 @@ class Evidence:
     info : ndarray (p + c, p + c)
     grad : ndarray (p + c,)
         u are the differences of single cells from the string's mean (`departures`), in sd.
+    warmth : float
+        At which the R_e in z is that of the cores (`thermal.warmth`).
 
     References
     ----------
@@ -43,6 +45,7 @@ class Evidence:
     z0: Floats
     info: Floats
     grad: Floats
+    warmth: float = 0.0
 
     @classmethod
     def none(cls, p: int, c: int = 0) -> "Evidence":
@@ -62,14 +65,14 @@ class Evidence:
         level, slope = places
         turn = np.eye(len(self.grad))
         turn[level, slope] = -moved * ENTROPIC_SLOPE_SD / ENTROPIC_SD
-        return Evidence(self.z0, turn.T @ self.info @ turn, turn.T @ self.grad)
+        return replace(self, info=turn.T @ self.info @ turn, grad=turn.T @ self.grad)
 
     def forget(self, directions: Floats, sd: Floats) -> "Evidence":
         """Marginalise a random step of `sd` (r,) along `directions` (p + c, r): exact, also where info is singular."""
         along = self.info @ directions
         gain = np.linalg.solve(np.diag(1.0 / sd**2) + directions.T @ along, along.T)
         info = self.info - along @ gain
-        return Evidence(self.z0, 0.5 * (info + info.T), self.grad - gain.T @ (directions.T @ self.grad))
+        return replace(self, info=0.5 * (info + info.T), grad=self.grad - gain.T @ (directions.T @ self.grad))
 
 
 def departures(model: StringModel) -> int:

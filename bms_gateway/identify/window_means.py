@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.identify.contract import log_prior
 from bms_gateway.identify.model_noise import Whitener
+from bms_gateway.identify.sensor_noise import slow_rounding
 from bms_gateway.identify.window_start import at_readings, lateness
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
@@ -35,6 +36,8 @@ class Means:
         NaN where nothing was read.
     dt : float, s
         From mean to mean.
+    rounding : float, K
+        Slow error by the steps of the readings.
     """
 
     sensed: list[int]
@@ -45,6 +48,7 @@ class Means:
     valid: NDArray[np.bool_]
     y: Floats
     dt: float
+    rounding: float
 
     @classmethod
     def of(cls, surface: Floats, age: Floats, sensed: list[int], dt: float) -> "Means":
@@ -64,6 +68,7 @@ class Means:
             valid=valid,
             y=y,
             dt=dt * float(first[1] if len(first) > 1 else 1.0),
+            rounding=_rounding(read, dt),
         )
 
     def read(self, Y: Floats) -> Floats:
@@ -123,3 +128,11 @@ class Sought:
         info[free] = sd[free] ** -2
         low, high = (np.log([getattr(KINDS[s], side) for s in names]) for side in ("lower", "upper"))
         return cls(names, mean, info, free, low, high)
+
+
+def _rounding(y: Floats, dt: float) -> float:
+    """Greatest slow rounding error of m thermocouples (K, m), K: the bus rounds all of a string equally."""
+    t = dt * np.arange(len(y))
+    return max(
+        (slow_rounding(t[seen], column[seen]) for column, seen in zip(y.T, np.isfinite(y.T), strict=True)), default=0.0
+    )

@@ -8,34 +8,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.identify.carried import NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
+from bms_gateway.identify.carried import NAMES, ROLL_AT, WARMTH_AT, Carried, Course, columns, roll_bend, roll_share
 from bms_gateway.identify.contract import string_parameters
 from bms_gateway.identify.descent import Pace, Patience, descend
 from bms_gateway.identify.doubt import noise_factor, sound_sd
-from bms_gateway.identify.identifiable import R_C, R_U, lumped, lumped_jacobian
+from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
 from bms_gateway.identify.inlet_noise import Sight, inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.quadratic import Quadratic
-from bms_gateway.identify.response import Inputs, Response, respond
-from bms_gateway.identify.sensor_noise import slow_rounding
+from bms_gateway.identify.response import Inputs, Response, Warmth, respond
 from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
 from bms_gateway.identify.window_means import Means, Sought
 from bms_gateway.identify.window_start import FRESH, first_start, start_information, start_map, swing_information
+from bms_gateway.identify.window_warmth import CoresOfRoots, at_readings_of, warmth_of
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.entropy import CAPACITY_AH
+from bms_gateway.thermal.warmth import WARMTH_SD
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: with a broad likelihood, distant starts reach the optimum
 WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
 WALK_S = 1200.0
 KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
-WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
 MODEL_SD = 0.14
 """K·√s, white: no model of a cell is more exact, with any sensor. Determined on real cells: core 3 K off with 0.01; 0.4
 loses the slow time constant."""
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the earlier window ended there
 V = len(NAMES)
 """Carried effects."""
+Each = float | list[float]  # of all parameter sets, or of each
 STEEP = 1.5  # largest step of a logarithm in one iteration
 PACE = Pace(0.0, 1e-3, 4.0, 0.125, 16, halves=True)
 
@@ -110,8 +111,10 @@ class Problem:
         J = max(1, round(K * window.dt / KNOT_S))
         knots = np.linspace(0.0, K, J + 1)
         shapes = np.array([np.interp(np.arange(K) + 0.5, knots, e) for e in np.eye(J + 1)[:J]]).T
-        shapes = np.column_stack([shapes, _warming(read)])
-        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J + 1))
+        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J))
+        if carried > 0.0:
+            self.inputs = replace(self.inputs, warmth=Warmth.nothing(K, model.cells))
+        self.cores = CoresOfRoots()
         left = (K - knots[:J]) * window.dt / WALK_S
         self.walk_info = np.linalg.inv(np.minimum.outer(left, left))
         self.start_info = start_information(model.cells, *(FRESH if start is None else CARRIED))
@@ -119,16 +122,15 @@ class Problem:
             start = first_start(read, window.dt, float(window.inlet[0]), model.cells)
         self.swing_info = swing_information(window.inlet)
         self.unlike_sd = np.array([model.tolerances.get(f"cell_{s}", 0.0) for s in UNLIKE])
-        self.xi0 = np.concatenate([np.zeros(V), start, np.zeros(J + 2)])
+        self.xi0 = np.concatenate([np.zeros(V), start, np.zeros(J + 1)])
         self.moving = np.concatenate([self.sought.free, np.arange(self.p, self.p + len(self.xi0))])
         self.noise = inlet_noise(window.inlet, window.dt)
         self.by_noise = np.zeros(self.p + len(self.xi0))
-        self.rounding = _rounding(read, window.dt)
         self.course = Course.of(
             window.square, window.heat, window.current, window.inlet, window.dt, model.capacity_Ah or CAPACITY_AH
         )
         self.carried = np.zeros((*self.means.y.shape, V))
-        self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((self.N, V)))
+        self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((self.N, V)), np.zeros((1, model.cells)))
 
     @property
     def p(self) -> int:
@@ -168,7 +170,7 @@ class Problem:
     def distrust(self, kept: float) -> None:
         """Keep a share of the earlier evidence."""
         e = self.evidence
-        self.evidence = Evidence(e.z0, kept * e.info, kept * e.grad)
+        self.evidence = replace(e, info=kept * e.info, grad=kept * e.grad)
         self.info, self.grad = kept * self.info, kept * self.grad
 
     def feasible(self, phi: Floats) -> bool:
@@ -191,17 +193,21 @@ class Problem:
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
-        sets, shares = self.sets(phi), [self.roll(xi)] * (self.p + 1)
+        sets, shares, B = self.sets(phi), [self.roll(xi)] * (self.p + 1), [self.B(xi)] * (self.p + 1)
         if self.size > 0.0:
-            sets, shares = [*sets, sets[0]], [*shares, self.roll(xi, STEP)]
-        R = self.respond(sets, xi, shares)
+            sets, shares, B = [*sets, sets[0]], [*shares, self.roll(xi, STEP)], [*B, B[0]]
+            if self.model.cells > 1:
+                sets, shares, B = [*sets, sets[0]], [*shares, shares[0]], [*B, self.B(xi, STEP)]
+        R = self.respond(sets, xi, shares, B)
         f = self.means.read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1 : self.p + 1] - f[:, :, :1]) / STEP
         E, _ = start_map(sets[0], self.inputs.inlet[0])
         by_start, by_input = self.means.read(R.surface_by_start) @ E, self.means.read(R.surface_by_input)
-        columns = np.concatenate([by_phi, self.carried, by_start, by_input], axis=2)
+        columns = np.concatenate([by_phi, self.carried, by_start, by_input[:, :, : self.J + 1]], axis=2)
         if self.size > 0.0:
-            columns[:, :, self.p + ROLL_AT] = (f[:, :, -1] - f[:, :, 0]) / STEP
+            beside = (f[:, :, self.p + 1 :] - f[:, :, :1]) / STEP
+            columns[:, :, self.p + ROLL_AT] = beside[:, :, 0]
+            columns[:, :, self.p + WARMTH_AT] = self.B_unit * by_input[:, :, -1] + beside[:, :, 1:].sum(axis=2)
         E, c = start_map(sets[0], self.inputs.inlet[-1])
         predicted, last = f[:, :, 0] + self.carried @ xi[:V], R.last[0] + self.effects.last @ xi[:V]
         return np.where(self.means.valid, self.means.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
@@ -214,19 +220,34 @@ class Problem:
         R = self.respond([p], xi, self.roll(xi))
         E, c = start_map(p, self.inputs.inlet[0])
         x0 = E @ xi[V : V + self.N] + c
-        self.effects = columns(p, self.course, x0, R.surface[0], self.means.sensed, self.inputs.dt).times(self.size)
+        found = columns(p, self.course, x0, R.surface[0], self.means.sensed, self.B(xi))
+        self.effects = found.times(self.size)
         self.carried = self.means.read(self.effects.readings)
+        simulated = self.means.read(R.surface[0][:, :, None])[:, :, 0] + self.carried @ xi[:V]
+        core = at_readings_of(self.means, simulated, found.core, p, self.course.dt)
+        w, self.cores.mean, self.cores.swing = warmth_of(core, self.course)
+        self.inputs = replace(self.inputs, warmth=w)
+
+    @property
+    def B_unit(self) -> float:
+        """One unit of the coefficient of B, 1000 K."""
+        return self.size * WARMTH_SD
+
+    def B(self, xi: Floats, more: float = 0.0) -> float:
+        """B with which R_e follows the warmth of the cores, with `more` added to its coefficient, 1000 K."""
+        return self.B_unit * (float(xi[WARMTH_AT]) + more)
 
     def roll(self, xi: Floats, more: float = 0.0) -> float:
         """Share of R_c within the jelly roll, with `more` added to its coefficient."""
         return roll_share(self.size * (float(xi[ROLL_AT]) + more)) if self.size > 0.0 else 0.0
 
-    def respond(self, sets: list[StringParameters], xi: Floats, share: float | list[float] = 0.0) -> Response:
-        """Response of parameter sets with the nuisances ξ, and the share of R_c within the roll, of all or of each."""
+    def respond(self, sets: list[StringParameters], xi: Floats, share: Each = 0.0, B: Each | None = None) -> Response:
+        """Response of parameter sets with the nuisances ξ, the roll's share of R_c, and B by which cells differ."""
         start = xi[V : V + self.N]
-        inputs = replace(self.inputs, departure=xi[V + self.N : -1], swing=1.0 + float(xi[-1]))
+        inputs = replace(self.inputs, departure=xi[V + self.N : -1], swing=1.0 + float(xi[-1]), B=self.B(xi))
         starts = (start_map(s, inputs.inlet[0]) for s in sets)
-        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.means.sensed, share)
+        at = np.array([E @ start + c for E, c in starts])
+        return respond(sets, inputs, at, self.means.sensed, share, inputs.B if B is None else B)
 
     def whitener(self, sizes: Sizes, scale: float = 1.0) -> Whitener:
         """Filter of the noise."""
@@ -235,10 +256,9 @@ class Problem:
     def nuisance_info(self, walk: float) -> Floats:
         """P⁻¹ over ξ, without the carried effects' prior."""
         first, end = V, V + self.N
-        out = np.zeros((end + self.J + 2,) * 2)
+        out = np.zeros((end + self.J + 1,) * 2)
         out[first:end, first:end] = self.start_info
-        out[end:-2, end:-2] = self.walk_info / walk**2
-        out[-2, -2] = WARMING_SD**-2
+        out[end:-1, end:-1] = self.walk_info / walk**2
         out[-1, -1] = self.swing_info
         return out
 
@@ -267,12 +287,26 @@ class Problem:
         cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
         return Point(phi, xi, *seen, H, g, cost, np.concatenate([phi, xi])[self.moving])
 
-    def to_evidence(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
-        """Slope (P, P) of the evidence's coordinates (z, v) by (φ, v), and their distance from its origin (P,)."""
+    def keep_root(self, point: Point, other: bool) -> None:
+        """From now on, the cells of `point` are meant, of the better root or of the `other`, which is better then."""
+        self.carry(point.phi, point.xi)
+        self.cores.keep(other)
+
+    def lumped_slopes(self, phi: Floats, warmth: float, of_B: float = 1.0) -> Floats:
+        """Slope (P, P) of (z, v) by (φ, v), z with R_e at a `warmth` and B times `of_B`."""
         D = np.eye(self.P)
         D[: self.p, : self.p] = lumped_jacobian(phi, self.model.has_conduction)
-        z = lumped(phi, self.model.has_conduction) - self.evidence.z0
-        return D, np.concatenate([z, xi[:V]])
+        D[: self.p, self.p + WARMTH_AT] = D[: self.p, R_E] * self.B_unit * warmth
+        D[self.p + WARMTH_AT, self.p + WARMTH_AT] = of_B
+        return D
+
+    def to_evidence(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
+        """Slope (P, P) of the evidence's coordinates (z, v) by (φ, v), and their distance from its origin (P,)."""
+        more, of_B = self.cores.known()
+        D, v = self.lumped_slopes(phi, self.evidence.warmth + more, of_B), xi[:V].copy()
+        z = lumped(phi, self.model.has_conduction) - self.evidence.z0 + D[: self.p, self.p + WARMTH_AT] * v[WARMTH_AT]
+        v[WARMTH_AT] *= of_B
+        return D, np.concatenate([z, v])
 
     def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> Point:
         """Simulate, and compute Hessian and gradient."""
@@ -444,21 +478,3 @@ class _Noisy:
 
     def share(self, z: Floats, step: Floats) -> float:  # noqa: ARG002 - as far from everywhere
         return min(1.0, STEEP / max(float(np.max(np.abs(step[: len(self.problem.sought.free)]), initial=0.0)), STEEP))
-
-
-def _warming(y: Floats) -> Floats:
-    """Mean measured surface minus its value at the end of the window (K,), K; 0 without a reading."""
-    counted = np.isfinite(y).sum(axis=1)
-    read = np.flatnonzero(counted)
-    if not len(read):
-        return np.zeros(len(y))
-    mean = np.nansum(y[read], axis=1) / counted[read]
-    return np.asarray(np.interp(np.arange(len(y)), read, mean) - np.mean(mean[-60:]), dtype=np.float64)
-
-
-def _rounding(y: Floats, dt: float) -> float:
-    """Greatest slow rounding error of m thermocouples (K, m), K: the bus rounds all of a string equally."""
-    t = dt * np.arange(len(y))
-    return max(
-        (slow_rounding(t[seen], column[seen]) for column, seen in zip(y.T, np.isfinite(y.T), strict=True)), default=0.0
-    )

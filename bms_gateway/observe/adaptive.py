@@ -28,18 +28,19 @@ from bms_gateway.observe.forecast_start import Standing
 from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
 from bms_gateway.observe.in_force import Heard, InForce
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
-from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, sensed, stack, start_covariance
 from bms_gateway.observe.reversible import Reversible, completed
 from bms_gateway.observe.sensitivity import (
     ENTROPIC_AT,
     PARAMETERS,
+    R_E_AT,
     SYMBOLS,
     WARMTH_AT,
     Flows,
     bridged,
     carried,
     corrected,
-    from_here,
+    displaced,
 )
 from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
@@ -98,11 +99,7 @@ class AdaptiveObserver:
             raise ValueError("an observer stacks strings with equal numbers of cells")
         disturbance, start = disturbance or Disturbance(), start or Start()
         self._dt, self._of, S, n = float(dt), InForce.of(models, heat_rel_sd), len(models), models[0].cells
-        widest = max(len(m.sensors) for m in models)
-        sensors, fitted = np.zeros((S, widest), np.int64), np.zeros((S, widest), np.bool_)
-        for s, m in enumerate(models):
-            sensors[s, : len(m.sensors)] = np.array(m.sensors, np.int64) - 1
-            fitted[s, : len(m.sensors)] = True
+        sensors, fitted = sensed(models)
         in_force = self._of.strings()
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows, self.reversible = Flows.of(in_force), Reversible(models, dt)
@@ -114,7 +111,7 @@ class AdaptiveObserver:
         self._all_known = np.ones((S, OFFSETS), np.bool_)
         self._starts = np.stack([start_covariance(n, start, disturbance, inlet_known=known) for known in (False, True)])
         self._state = self._kalman.init(np.zeros((S, self._kalman.model.states)), np.repeat(self._starts[:1], S, 0))
-        self._blocks = Blocks(S, self._kalman.model.states, n, widest)
+        self._blocks = Blocks(S, self._kalman.model.states, n, sensors.shape[1])
         self._left = 0  # steps until the next block is full
         self._share_of_usual = faded(self._dt, disturbance.correlation)
         self._inlet, self._heard = np.zeros(S), Heard.nothing(sensors.shape)
@@ -127,8 +124,12 @@ class AdaptiveObserver:
         return tuple(self._of.parameters)
 
     def consider_warmth(self, sd: float) -> None:
-        """Count, before the first step, how R_e changes with the core (`thermal.warmth`) as unknown by `sd`, 1000 K."""
+        """Count, before the first step, B of R_e (`thermal.warmth`) as unknown by `sd`, 1000 K."""
         self._of.consider(WARMTH_AT, sd)
+
+    def by_warmth(self) -> Floats:
+        """R_e of the mean core of each string (S,) over R_e where it is known."""
+        return np.asarray(self._of.by_warmth(self._state.x).mean(axis=1), dtype=np.float64)
 
     @property
     def covariances(self) -> Floats:
@@ -177,8 +178,7 @@ class AdaptiveObserver:
             self._turn(news, known, inlet1)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp that starts from a held value
-        core = self._state.x[:, 0 : 2 * self._of.cells : 2]
-        whole = self.reversible.added_to(made.whole, made.amps, core)
+        whole = self.reversible.added_to(made.whole, made.amps, self._of.cores(self._state.x))
         predicted = self._kalman.predict(self._state, whole, inlet0, inlet1, known)
         state, innovation = self._kalman.update(predicted, y, age)
         self._state, self._inlet = state, inlet1
@@ -247,8 +247,8 @@ class AdaptiveObserver:
         """Return all that a forecast starts from; the bands do not yet contain the steps that wait (`blocks`)."""
         now = self._state.x, self._state.P, self._blocks.J.copy(), self._of.root, self.parameters, self._of.level
         own = self._of.gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
-        reversible = self.reversible.value, self.reversible.charge
-        return Standing(*now, *own, self._available, self._kalman.model.disturbance, *reversible, self._of.u_0)
+        warmth = self.reversible.value, self.reversible.charge, self._of.B, self._of.u_0
+        return Standing(*now, *own, self._available, self._kalman.model.disturbance, *warmth)
 
     def set_parameters(
         self,
@@ -265,12 +265,11 @@ class AdaptiveObserver:
         s : int
         values : mapping of symbol to value
             SI, at nominal flow, one for all cells or one per cell; a symbol that is not named keeps its value. `heat`
-            is the factor on measured heat; for reversible heat see `Reversible.exchange`.
+            is the factor on measured heat; see also `Reversible.exchange` and `InForce.state_resistance`.
         names : sequence of str
             Symbols of `PARAMETERS` to which the covariance belongs.
         covariance : ndarray (p, p)
-            Of the logarithms, mV/K for reversible heat. Other parameters keep their variance, uncorrelated with these.
-            An R_e among them is known at the warmth that the cores have had of late (`from_here`).
+            Of the logarithms, mV/K for reversible heat, 1000 K for B. The variance of others stays, uncorrelated.
         own : ndarray (n, 3, 3), optional
             Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells; None for the model's
             tolerances.
@@ -288,11 +287,12 @@ class AdaptiveObserver:
         moved[ENTROPIC_AT] = self.reversible.exchange(s, values, self._blocks.J[s, :, ENTROPIC_AT])
         self._of.exchange(s, new, gain, names, covariance)
         if "R_e" in names:
-            self._of.u_0[s] += from_here(self._blocks.J[s])
+            grown, moved[WARMTH_AT] = self._of.state_resistance(s, values, self._blocks.J[s])
+            moved[R_E_AT] -= grown
         self._exchange(np.array([s]))
         self.surprise.settle(s)
         x = self._state.x.copy()
-        x[s] += self._blocks.J[s] @ moved
+        x[s] += displaced(self._blocks.J[s], moved)
         if self._available[s]:
             x[s, : 2 * self._of.cells] += own_rise(apart, rise, over, gap)
         self._bands.move(s, x[s] - self._state.x[s])
@@ -412,10 +412,10 @@ class AdaptiveObserver:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
         if not all(
             np.isfinite(a).all()
-            for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], own["u_0"], owned, bands.lag)
+            for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], own["B"], own["u_0"], owned, bands.lag)
         ):
             raise StateError("observer state: holds values that are not numbers")
-        self._of.restore(parameters, own["level"], own["cov"], own["gain"], own["u_0"])
+        self._of.restore(parameters, own)
         self._inlet, self._available = own["inlet"], own["available"]
         self._heard.unread, self._heard.fresh, self.reversible = own["unread"], False, reversible
         self._state, self._usual, self.surprise = state, usual, surprise
@@ -430,7 +430,7 @@ class AdaptiveObserver:
         """List what a snapshot holds besides the filter's state and the parameters."""
         of, heard = self._of, self._heard
         found = {"cov": of.cov, "gain": of.gain, "inlet": self._inlet, "unread": heard.unread, "level": of.level}
-        return {**found, "u_0": of.u_0, "available": self._available}
+        return {**found, "B": of.B, "u_0": of.u_0, "available": self._available}
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings that have their first inlet or reading now."""
@@ -454,7 +454,7 @@ class AdaptiveObserver:
 
     def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Heat, Bools]:
         """Return the heat, the usual one if it is unknown, and which strings' heat is known."""
-        electric = I2[:, None] * self._of.R_e
+        electric = I2[:, None] * self._of.R_e * self._of.by_warmth(self._state.x)
         given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
             electric = np.where(measured, 0.0, electric)

@@ -217,6 +217,7 @@ class EffectObserver:
             disturbance=self._disturbance,
             entropic=np.zeros((1, 2)),  # no reversible heat but that of the effects, and R_e is known where they say
             charge=np.zeros(1),
+            B=np.zeros(1),
             u_0=np.zeros(1),
             physics=self._of.physics,
             numbers=self._of.now,

@@ -10,6 +10,7 @@ import numpy as np
 from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
+from bms_gateway.thermal.warmth import warmth
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class Standing:
     entropic : ndarray (S, 2), mV/K
     charge : ndarray (S,)
         Coefficients of reversible heat, and the charge since their reference (`reversible`); 0 with effects.
-    u_0 : ndarray (S,)
-        Warmth at which R_e is known (`thermal.warmth`).
+    B, u_0 : ndarray (S,)
+        With which R_e follows its core, 1000 K, and the warmth at which it is known (`thermal.warmth`).
     """
 
     x: Floats
@@ -56,7 +57,12 @@ class Standing:
     disturbance: Disturbance
     entropic: Floats
     charge: Floats
+    B: Floats
     u_0: Floats
+
+    def by_warmth(self, core: Floats) -> Floats:
+        """R_e of cores at `core` (S, n), °C, over R_e where it is known."""
+        return np.asarray(np.exp(self.B[:, None] * (warmth(core) - self.u_0[:, None])), dtype=np.float64)
 
     def amps(self, current: Floats) -> Floats:
         """Return I and I s (…, S, 2), A, of reversible heat under currents (…, S), as of `Reversible.pass_step`.

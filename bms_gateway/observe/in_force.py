@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +10,9 @@ from bms_gateway.observe.cell_scatter import exchanged, prior_covariance, root
 from bms_gateway.observe.covariance_steps import READ_WITHIN
 from bms_gateway.observe.flow import at_level, flow_levels
 from bms_gateway.observe.model import Bools, Ints
-from bms_gateway.observe.sensitivity import PARAMETERS
+from bms_gateway.observe.sensitivity import PARAMETERS, R_E_AT, WARMTH_AT, felt_at
 from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal.warmth import WARMTH, warmth
 
 
 @dataclass(slots=True)
@@ -28,8 +30,8 @@ class InForce:
         Covariance of the logarithms of `PARAMETERS`, and a root of it.
     gain : ndarray (S,)
         Factor on heat that is measured instead of computed as I²R_e.
-    u_0 : ndarray (S,)
-        Warmth at which R_e is known (`thermal.warmth`).
+    B, u_0 : ndarray (S,)
+        With which R_e follows its core, 1000 K, and the warmth at which it is known (`thermal.warmth`).
     R_e, share : ndarray (S, n)
         Ω; heat of each cell over the mean of its string.
     """
@@ -40,6 +42,7 @@ class InForce:
     cov: Floats
     root: Floats
     gain: Floats
+    B: Floats
     u_0: Floats
     R_e: Floats = field(init=False)
     share: Floats = field(init=False)
@@ -53,7 +56,7 @@ class InForce:
         cov, S = np.stack([prior_covariance(m, heat_rel_sd) for m in models]), len(models)
         roots = np.stack([root(c) for c in cov])
         return cls(
-            tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S), np.zeros(S)
+            tuple(models), [m.nominal for m in models], np.zeros(S, np.int64), cov, roots, np.ones(S), *np.zeros((2, S))
         )
 
     @property
@@ -90,15 +93,49 @@ class InForce:
         """Set other numbers of string `s`, and the covariance (k, k) of the logarithms of k of them."""
         self.parameters[s] = new
         self.gain, self.cov, self.root = self.gain.copy(), self.cov.copy(), self.root.copy()
-        self.u_0 = self.u_0.copy()
         self.gain[s] = gain
         self.cov[s] = exchanged(self.cov[s], [PARAMETERS.index(name) for name in names], covariance)
         self.root[s] = root(self.cov[s])
         self._renew()
 
-    def restore(self, parameters: list[StringParameters], level: Ints, cov: Floats, gain: Floats, u_0: Floats) -> None:
+    def state_resistance(self, s: int, values: Mapping[str, Any], J: Floats) -> tuple[float, float]:
+        """Take B and the warmth at which R_e of string `s` is known from now on.
+
+        Parameters
+        ----------
+        s : int
+        values : mapping of str to float
+            `WARMTH` and `u_0`; without the latter, R_e is known at the warmth that the cores have had of late.
+        J : ndarray (M, p)
+            Sensitivities of the string; they are changed in place to those about the new warmth.
+
+        Returns
+        -------
+        float
+            By how much ln R_e of before is larger at the new warmth than at the old.
+        float, 1000 K
+            By how much B has grown.
+        """
+        old_B, shift = float(self.B[s]), float(values["u_0"]) - float(self.u_0[s]) if "u_0" in values else felt_at(J)
+        J[:, WARMTH_AT] -= shift * J[:, R_E_AT]
+        self.B, self.u_0 = self.B.copy(), self.u_0.copy()
+        self.B[s], self.u_0[s] = float(values.get(WARMTH, old_B)), self.u_0[s] + shift
+        return old_B * shift, float(self.B[s]) - old_B
+
+    def cores(self, x: Floats) -> Floats:
+        """Cores (S, n) of states `x` (S, M), °C."""
+        return x[:, 0 : 2 * self.cells : 2]
+
+    def by_warmth(self, x: Floats) -> Floats:
+        """R_e (S, n) of the cores of states `x` (S, M), °C, over R_e where it is known."""
+        if not self.B.any():
+            return np.ones_like(self.R_e)
+        return np.asarray(np.exp(self.B[:, None] * (warmth(self.cores(x)) - self.u_0[:, None])), dtype=np.float64)
+
+    def restore(self, parameters: list[StringParameters], own: Mapping[str, Any]) -> None:
         """Set all of them."""
-        self.parameters, self.level, self.cov, self.gain, self.u_0 = parameters, level, cov, gain, u_0
+        self.parameters, self.level, self.cov, self.gain = parameters, own["level"], own["cov"], own["gain"]
+        self.B, self.u_0, cov = own["B"], own["u_0"], own["cov"]
         self.root = np.stack([root(c) for c in cov])
         self._renew()
 

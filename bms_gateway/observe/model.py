@@ -27,6 +27,7 @@ from bms_gateway.thermal import (
     Disturbance,
     Floats,
     Start,
+    StringModel,
     StringParameters,
     continuous,
     discretize,
@@ -263,3 +264,13 @@ def scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters:
 def usable(p: StringParameters) -> StringParameters:
     """Use the exact exchange if the flow is too low for the bulk node, which would overshoot."""
     return replace(p, coolant="ntu") if p.coolant == "bulk" and bool(np.any(p.R_u * p.C_f <= 1.0)) else p
+
+
+def sensed(models: Sequence[StringModel]) -> tuple[Ints, Bools]:
+    """Sensed cells (S, m) of strings, 0-based, and which of these places hold one: strings may have fewer than m."""
+    widest = max(len(m.sensors) for m in models)
+    sensors, fitted = np.zeros((len(models), widest), np.int64), np.zeros((len(models), widest), np.bool_)
+    for s, m in enumerate(models):
+        sensors[s, : len(m.sensors)] = np.array(m.sensors, np.int64) - 1
+        fitted[s, : len(m.sensors)] = True
+    return sensors, fitted

@@ -102,11 +102,13 @@ class Outlook:
         """
         m, n = self._follow(s), s.lag.shape[1]
         R, x, lag = m.reach, _shifted(s, coming), s.lag
-        c = self._heat_per_square(m, s, coming) * m.share
+        c, at_first = self._heat_per_square(m, s, coming) * m.share, self._warmed(s, coming, s.x[:, 0 : 2 * n : 2])
         states, lags, one = [x], [lag], R.path[:, 0]
         amps = s.amps(np.nan_to_num(profile.current))
         for square, inlet, now in zip(profile.square[: ENDS[-1]], profile.inlet, amps, strict=False):
-            heat = coming.heat + square[:, None] * c + reversible(s.entropic, now, x[:, 0 : 2 * n : 2])
+            core = x[:, 0 : 2 * n : 2]
+            heat = coming.heat + square[:, None] * c * self._warmed(s, coming, core) / at_first
+            heat = heat + reversible(s.entropic, now, core)
             x = np.matmul(one, _inputs(x, heat, inlet)[:, :, None])[:, :, 0]
             gap = ((x + states[-1]) / 2.0)[:, : 2 * n]
             lag = lag + followed(STEP_S, m.tau) * (gap[:, 0::2] - gap[:, 1::2] - lag)
@@ -134,7 +136,13 @@ class Outlook:
     def _heat_per_square(self, m: _Made, s: Standing, coming: Coming) -> Floats:
         """Heat (S, 1) of a mean cell per square of the current, W/A²."""
         told = np.clip(coming.heat_per_square * s.gain, m.R_e / FARTHEST, m.R_e * FARTHEST)
-        return np.where(np.isfinite(told), told, m.R_e)[:, None]
+        R_e = m.R_e * self._warmed(s, coming, s.x[:, 0 : 2 * s.lag.shape[1] : 2])[:, 0]
+        return np.where(np.isfinite(told), told, R_e)[:, None]
+
+    def _warmed(self, s: Standing, coming: Coming, core: Floats) -> Floats:
+        """R_e (S, 1) of mean cores at `core` (S, n) over R_e where it is known; 1 where a voltage tells the heat."""
+        given = np.isfinite(coming.heat_per_square)[:, None]
+        return np.where(given, 1.0, s.by_warmth(core).mean(axis=1, keepdims=True))
 
     def _spread(self, m: _Made, s: Standing, coming: Coming, F: Floats) -> Spread:
         """Carry covariances and sensitivities, without a load and per A², by their forcing (S, PARTS, M, 2p)."""

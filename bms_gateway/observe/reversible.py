@@ -137,7 +137,7 @@ def completed(snapshot: Mapping[str, Any], strings: int, known: Floats) -> dict[
     """
     numbers, prior = len(known), (*PRIOR_SD, float(known[-1, -1]) ** 0.5)
     nothing = np.zeros(strings).tolist()
-    older = {"gain": np.ones(strings).tolist(), "u_0": nothing, "charge": nothing}
+    older = {"gain": np.ones(strings).tolist(), "B": nothing, "u_0": nothing, "charge": nothing}
     own = older | {"entropic": np.zeros((strings, 2)).tolist()} | snapshot["own"]
     cov = np.array(own["cov"], np.float64)
     more = numbers - cov.shape[-1]

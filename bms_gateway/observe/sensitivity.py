@@ -29,11 +29,14 @@ PARAMETERS = (*SYMBOLS, "heat", *ENTROPIC, WARMTH)
 last three are no logarithms (`reversible`, `thermal.warmth`)."""
 LOGARITHMS = len(SYMBOLS) + 1
 """Number of columns that belong to logarithms; they come first."""
-HEAT_AT, WARMTH_AT = LOGARITHMS - 1, len(PARAMETERS) - 1
+R_E_AT, HEAT_AT, WARMTH_AT = SYMBOLS.index("R_e"), LOGARITHMS - 1, len(PARAMETERS) - 1
 ENTROPIC_AT = slice(LOGARITHMS, WARMTH_AT)
 
 FELT = 1e-6
 """K²: squared sensitivity of a state to ln R_e below which no heat is felt."""
+LEAST_FELT, MOST_LN = 1e-3, 3.0
+"""K: sensitivity of a state to ln R_e below which no mean warmth is computed; and limit of the logarithm of a factor on
+its heat, beyond which J describes nothing."""
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
 
@@ -180,28 +183,36 @@ def _relative_slope(p: StringParameters) -> Floats:
     return np.divide(slope, e, out=np.zeros_like(e), where=e > 0.0)
 
 
-def from_here(J: Floats) -> float:
-    """Turn the sensitivities of a string to those about R_e at the warmth that they have seen; return that warmth.
+def felt_at(J: Floats) -> float:
+    """Find the warmth, over that at which R_e is known, which the sensitivities `J` (M, p) of a string have seen.
 
     As R_e exp(B (u - u_0)) = R_e' exp(B (u - u_1)), a number R_e' that was identified at u_1 depends on B no more: with
     R_e' fixed, the state moves with B by the column of warmth less (u_1 - u_0) times that of R_e. The u_1 that leaves
     least of the former is the mean over the heat that the state still feels.
-
-    Parameters
-    ----------
-    J : ndarray (M, p)
-        Changed in place.
 
     Returns
     -------
     float
         u_1 - u_0; 0 where no heat is felt.
     """
-    by_R_e, by_warmth = J[:, SYMBOLS.index("R_e")], J[:, WARMTH_AT]
+    by_R_e, by_warmth = J[:, R_E_AT], J[:, WARMTH_AT]
     felt = float(by_R_e @ by_R_e)
-    u = float(by_R_e @ by_warmth) / felt if felt > FELT else 0.0
-    by_warmth -= u * by_R_e
-    return u
+    return float(by_R_e @ by_warmth) / felt if felt > FELT else 0.0
+
+
+def displaced(J: Floats, moved: Floats) -> Floats:
+    """Change (M,) of the state of a string by changes `moved` (p,) of its numbers, J (M, p) their sensitivities.
+
+    The state is linear in the heat by R_e, and not in the logarithm of R_e: a factor f on this heat moves the state by
+    (f - 1) times its sensitivity. B makes a factor for each state, by the mean warmth of the heat that the state feels.
+    """
+    by_R_e = J[:, R_E_AT]
+    felt = np.abs(by_R_e) > LEAST_FELT
+    ln = np.where(felt, moved[R_E_AT] + moved[WARMTH_AT] * J[:, WARMTH_AT] / np.where(felt, by_R_e, 1.0), 0.0)
+    rest = np.where(felt, 0.0, by_R_e * moved[R_E_AT] + J[:, WARMTH_AT] * moved[WARMTH_AT])
+    others = moved.copy()
+    others[[R_E_AT, WARMTH_AT]] = 0.0
+    return np.asarray(J @ others + rest + by_R_e * np.expm1(np.clip(ln, -MOST_LN, MOST_LN)), dtype=np.float64)
 
 
 def carried(J: Floats, A: Floats, forcing: Floats, dt: float) -> Floats:

@@ -1,10 +1,11 @@
-r"""R_e at the temperature of its core, before anything is known of how it changes: Arrhenius' law.
+r"""R_e at the temperature of its core in strings without effects: Arrhenius' law.
 
 .. math::
     R_e \to R_e \exp(B \, (u - u_0)), \qquad u = 1000 \left(\frac{1}{T_c} - \frac{1}{298.15\,\mathrm{K}}\right)
 
 with B in thousands of kelvin, which makes it of the same order as the logarithms of a string's other numbers. u_0 is
 the warmth at which R_e is known: 0, that of 25 °C, for the number of a file, and later that at which it was identified.
+B is 0 at first, with a standard deviation, and then what the windows find (`identify.carried`).
 
 Beyond Lin et al., Eq 1, whose R_e is constant.
 """

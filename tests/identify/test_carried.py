@@ -73,7 +73,7 @@ def found():
     p = StringParameters.of(2, C_c=C_C, C_s=C_S, R_e=R_E, R_c=R_C, R_u=R_U, R_cc=R_CC, C_f=C_F)
     course = Course.of(current**2, np.zeros(K), current, inlet(np.arange(K + 1.0)), 1.0, CAPACITY)
     plain = surfaces("", 0.0)
-    return columns(p, course, np.array(START), plain, [0, 1], 1.0).readings, plain
+    return columns(p, course, np.array(START), plain, [0, 1]).readings, plain
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_the_gain_of_heat_from_voltage_is_that_heat_times_its_sd():
     K, heat = 600, np.full(600, 9.0)
     p = StringParameters.of(1, C_c=C_C, C_s=C_S, R_e=R_E, R_c=R_C, R_u=R_U)
     course = Course.of(np.zeros(K), heat, np.zeros(K), np.full(K + 1, 25.0), 1.0, CAPACITY)
-    effects = columns(p, course, np.full(2, 25.0), np.full((K + 1, 1), 25.0), [0], 1.0)
+    effects = columns(p, course, np.full(2, 25.0), np.full((K + 1, 1), 25.0), [0])
     warmed = solve_ivp(
         lambda _, x: [(9.0 * 0.25 - (x[0] - x[1]) / R_C) / C_C, ((x[0] - x[1]) / R_C - x[1] / R_U) / C_S],
         (0, K), [0.0, 0.0], "LSODA", rtol=1e-9, atol=1e-9,

@@ -62,7 +62,7 @@ def test_windows_of_a_climb_and_a_descent_find_the_coefficient_and_leave_it_out_
     # the last window went downhill, where this entropy warms: with its share, R_e is larger
     assert p.mean[R_e] > p.apart.mean[R_e] + 0.1
     values, names, _ = p.for_observer(model(1, (1,)))
-    assert names[-2:] == ("entropic", "entropic_slope")
+    assert names[-3:] == ("entropic", "entropic_slope", "warmth")
     assert values["R_e"][0] == pytest.approx(np.exp(p.apart.mean[R_e]))
 
 

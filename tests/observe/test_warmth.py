@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import AdaptiveObserver
 from bms_gateway.observe.estimate import Estimate
-from bms_gateway.observe.sensitivity import PARAMETERS
+from bms_gateway.observe.sensitivity import PARAMETERS, displaced
 from bms_gateway.thermal import Prior, StringModel
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.warmth import WARMTH_SD
@@ -137,3 +137,48 @@ def test_a_state_whose_warmth_is_no_number_is_refused() -> None:
     stored["own"]["u_0"] = [None]
     with pytest.raises(StateError):
         observer().restore(stored)
+
+
+def test_a_resistance_that_is_told_to_follow_its_core_does_so() -> None:
+    """Oracle: scipy. A warm inlet after minute ten moves the core to where R_e is another."""
+    o, B, u_1 = observer(), 3.0, -0.1
+    core, surface = truth(1000.0 * B, 25.0)
+    told = {"R_e": R_e * np.exp(B * u_1), "warmth": B, "u_0": u_1}
+    o.set_parameters(0, told, ["R_e", "warmth"], np.diag([0.01**2, 0.2**2]))
+    found = follow(o, surface, 25.0)
+    mean, sd = (np.array([getattr(e, k)[0, 0] for e in found])[300:] for k in ("core", "core_sd"))
+    assert np.abs(mean - core[301:]).max() < 0.5
+    assert sd.max() < 2.0
+    s = o.standing()
+    assert (s.B[0], s.u_0[0]) == (B, u_1)
+    u = 1000.0 * (1.0 / (core[-1] + 273.15) - 1.0 / 298.15)
+    assert o.by_warmth()[0] == pytest.approx(np.exp(B * (u - u_1)), rel=0.02)
+    again = observer()
+    again.restore(json.loads(json.dumps(o.snapshot())))
+    assert again.standing().B[0] == B
+
+
+def test_another_resistance_moves_the_state_to_where_it_would_be() -> None:
+    """Oracle: the observer that had it from the start; without readings, the state is linear in the heat."""
+    o, other = observer(), observer()
+    other.set_parameters(0, {"R_e": 0.4 * R_e}, ["R_e"], np.array([[0.01**2]]))
+    nothing = np.array([[np.nan]])
+    for x in (o, other):
+        for _ in range(700):
+            x.step(np.full(1, AMPS**2), None, np.full(1, 25.0), nothing, np.zeros((1, 1)))
+    o.set_parameters(0, {"R_e": 0.4 * R_e}, ["R_e"], np.array([[0.01**2]]))
+    a, b = o.estimate(), other.estimate()
+    assert a.core[0, 0] == pytest.approx(b.core[0, 0], abs=0.03)
+    assert a.surface[0, 0] == pytest.approx(b.surface[0, 0], abs=0.03)
+
+
+def test_a_B_that_is_found_moves_the_core_by_the_heat_that_it_has_had() -> None:
+    """Oracle: a core that has long been at 45 °C; with B its heat has been exp(B u) times as large."""
+    B, u = 2.0, 1000.0 * (1.0 / (45.0 + 273.15) - 1.0 / 298.15)
+    J, moved = np.zeros((4, len(PARAMETERS))), np.zeros(len(PARAMETERS))
+    by_R_e = np.array([20.0, 8.0, 0.0, 0.0])
+    J[:, PARAMETERS.index("R_e")], J[:, PARAMETERS.index("warmth")] = by_R_e, u * by_R_e
+    J[2, PARAMETERS.index("warmth")] = 1e-5
+    moved[PARAMETERS.index("warmth")], moved[PARAMETERS.index("R_c")] = B, 0.1
+    J[0, PARAMETERS.index("R_c")] = 12.0
+    assert displaced(J, moved) == pytest.approx(by_R_e * np.expm1(B * u) + np.array([1.2, 0.0, 2e-5, 0.0]))
