@@ -162,14 +162,17 @@ def thermocouple(check: CoreCheck) -> Document:
     return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": check.outside}
 
 
-def stair(e: Errors, core_K: float) -> Document:
-    """Return one step of the staircase: errors, half width of the least certain core, K, and whether it is given."""
+def stair(e: Errors, core_K: float | None) -> Document:
+    """Return one step of the staircase: errors, half width of the least certain core, K, and whether it is given.
+
+    Without a half width, the cores are not judged yet.
+    """
     return {
         "trained_K": finite(e.train_rmse_K),
         "held_K": finite(e.heldout_rmse_K),
         "floor_K": finite(e.noise_floor_K),
-        "core_K": finite(core_K),
-        "core_known": core_K <= UNKNOWN_K,
+        "core_K": None if core_K is None else finite(core_K),
+        "core_known": core_K is None or core_K <= UNKNOWN_K,
     }
 
 
