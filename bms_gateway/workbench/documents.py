@@ -37,7 +37,7 @@ from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_apart, heat_map, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
-from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
+from bms_gateway.report.words import in_words, named_all, on_page, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.contours import known
@@ -85,7 +85,12 @@ def opened(
             for k, r in enumerate(records)
         ],
         "checks": [
-            {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": in_words(f.sentence)}
+            {
+                "record": s,
+                "severity": f.severity,
+                "weight": WEIGHTS[f.severity],
+                "sentence": in_words(on_page(f.sentence)),
+            }
             for s, f in checks
         ],
         "notes": [{"record": s, "note": text} for s, text in notes],
