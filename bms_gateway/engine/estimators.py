@@ -198,8 +198,7 @@ class Estimators:
             quality = np.where(usable, quality, NOT_AVAILABLE)
         unknown = ~usable & (own == GOOD)
         if unknown.any() or group.contradicted.unknown_s.any():
-            odd = e.errors.on_cells(group.observed.observer.surprise.own)
-            group.put(newest.contradicted, group.contradicted.take(unknown, odd, dt))
+            group.put(newest.contradicted, group.contradicted.take(unknown, group.observed.own(e), dt))
         for row, values in (
             (newest.core, core),
             (newest.core_sd, core_sd),

@@ -8,8 +8,6 @@ from typing import Any, Protocol
 
 from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.forecast_start import Standing
-from bms_gateway.observe.innovation_check import Surprise
-from bms_gateway.observe.statistic_check import StatisticSurprise
 from bms_gateway.thermal import Floats, StringParameters
 
 
@@ -24,11 +22,6 @@ class Observer(Protocol):
     @property
     def covariances(self) -> Floats:
         """Covariance (S, M, M) of the states of each string if its parameters were exact."""
-        ...
-
-    @property
-    def surprise(self) -> Surprise | StatisticSurprise:
-        """What innovations say that the model does not explain."""
         ...
 
     def estimate(self) -> Estimate:
