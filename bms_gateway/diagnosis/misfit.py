@@ -15,6 +15,7 @@ from bms_gateway.diagnosis.regimes import (
     seconds_of,
     stretches,
     string_features,
+    surfaces,
 )
 from bms_gateway.diagnosis.residuals import (
     HELD_RATIO,
@@ -226,17 +227,12 @@ def _excess(error: Floats, sigma: Floats) -> float:
 
 
 def _features(fit: MapFit) -> dict[str, Floats]:
-    """Features (M,) at the readings of all records: those that every record has."""
+    """Features (M,) at the readings of all records: those that every record has, the same for every model."""
     parts: list[dict[str, Floats]] = []
-    first = 0
-    for r, m in enumerate(fit.problem.records):
-        p = fit.problem.numbers(r, fit.theta)[0].string
-        tau = float(np.median((p.C_c + p.C_s) * (p.R_u + 0.5 * p.R_c)))
+    for m in fit.problem.records:
         at = interval_of(m)
-        part = {name: x[at] for name, x in string_features(m.drive, tau).items()}
-        part["surface"] = fit.y[first : first + len(m.y)]
-        first += len(m.y)
-        parts.append(part)
+        part = {name: x[at] for name, x in string_features(m.drive).items()}
+        parts.append(part | {"surface": surfaces(m)})
     return {name: np.concatenate([p[name] for p in parts]) for name in FEATURES if all(name in p for p in parts)}
 
 

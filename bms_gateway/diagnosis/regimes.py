@@ -20,6 +20,9 @@ REST = 0.03
 """Share of the greatest current below which a string rests."""
 SLOPE_S = 60.0
 """Time for the slope of the inlet; over a shorter time, the slope is noise of the sensor."""
+RECENT_S = 300.0
+"""Time constant of a cell's memory of its current: some minutes for most cells. It is the same for every model, so that
+the errors of two models of one record can be compared bin by bin."""
 SHORTEST_S = 60.0
 """Least length of a stretch of time whose errors count as one: surfaces follow within it."""
 MOST_STRETCHES = 60
@@ -93,8 +96,10 @@ class _Kind:
 
 FEATURES: Mapping[str, _Kind] = {
     "current": _Kind("current, charging or discharging", "A", 1.0, ""),
-    "recent_heat": _Kind("rms current of the last minutes (I²)", "A", 5.0, "after an rms current {} A"),
-    "recent_current": _Kind("mean current of the last minutes", "A", 2.0, "after a mean current {} A"),
+    "recent_heat": _Kind(
+        f"rms current of the last {RECENT_S / 60.0:g} min (I²)", "A", 5.0, "after an rms current {} A"
+    ),
+    "recent_current": _Kind(f"mean current of the last {RECENT_S / 60.0:g} min", "A", 2.0, "after a mean current {} A"),
     "magnitude": _Kind("magnitude of the current", "A", 2.0, "at a current {} A"),
     "soc": _Kind("SOC", "%", 5.0, "with the SOC {} %"),
     "surface": _Kind("surface temperature", "°C", 2.0, "while the surface is {} °C"),
@@ -143,16 +148,17 @@ def slope(u: Drive) -> Floats:
     return np.asarray((u.T_in[ahead] - u.T_in[back]) / np.maximum((ahead - back) * u.dt, u.dt))
 
 
-def string_features(u: Drive, tau: float) -> dict[str, Floats]:
-    """Features (N,) that all cells share, in the units of `FEATURES`; unknown ones are left out.
+def surfaces(m: Measured) -> Floats:
+    """Measured surface (M,) at the readings of a record, °C: means of a minute, as noise must not choose the bin."""
+    minute = np.floor(seconds_of(m) / SHORTEST_S)
+    _, at, count = np.unique(np.stack([m.channel, minute]), axis=1, return_inverse=True, return_counts=True)
+    at = at.ravel()
+    return np.asarray((np.bincount(at, m.y) / count)[at], dtype=np.float64)
 
-    Parameters
-    ----------
-    u : Drive
-    tau : float, s
-        Time constant with which a cell forgets its heat.
-    """
-    recent = low_passed(np.stack([u.I2, u.I], axis=1), u.dt, tau)
+
+def string_features(u: Drive) -> dict[str, Floats]:
+    """Features (N,) of a record that all cells share, in the units of `FEATURES`; unknown ones are left out."""
+    recent = low_passed(np.stack([u.I2, u.I], axis=1), u.dt, RECENT_S)
     found = {
         "current": u.I,
         "recent_heat": np.sqrt(recent[:, 0]),

@@ -246,7 +246,8 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     if gain < _needed(current, fit, odds, s, number) * inflation:
         return "worse on the held-out blocks" if number == 0 else "no better on the held-out blocks"
     if after**2 - floor > max(s.relief * excess, s.excess * floor):
-        return f"however closely fitted, it leaves a held-out error of {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
+        noise = "noise, and what the current between rows leaves open:" if s.left_open > 0.0 else "noise"
+        return f"however closely fitted, it leaves a held-out error of {after:.3g} K ({noise} {np.sqrt(floor):.3g} K)"
     return ""
 
 

@@ -33,6 +33,7 @@ REMEDIES: Final = {
     Quality.COUNTER: "look for a second sender of the same identifier",
     Quality.CRC: "look for a second sender of the same identifier, or a DBC of another version",
 }
+CONTRADICTED: Final = "check its seat, wire and plug, and watch the cell: heat of its own would show so too"
 
 
 def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Condition]:
@@ -49,6 +50,11 @@ def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Co
             if np.isnan(s.core).all():
                 text = "no core temperature is known to 12 K: see the string's other alerts and its model file"
                 yield Condition("estimate", Severity.WARNING, text, s.plan.name)
+            elif dark := contradicted(s):
+                what = f"core of {cells(dark)} not known to 12 K: the thermocouple" + ("s" if len(dark) > 1 else "")
+                text = f"{what} left what model, current and coolant explain: {CONTRADICTED}"
+                one = dark[0] if len(dark) == 1 else None
+                yield Condition("estimate", Severity.WARNING, text, s.plan.name, one, part="surface")
 
 
 def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
@@ -84,6 +90,12 @@ def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
     if quality is Quality.STUCK and quantity == "surface":
         remedy = "check that the thermocouple is fixed to its cell, and check its amplifier"
     return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {remedy}"
+
+
+def contradicted(s: StringEstimator) -> list[int]:
+    """Cells, from 1, that are dark because of their own thermocouple, without those that a finding names."""
+    named = {f.cell for f in s.health.conditions()}
+    return [k + 1 for k in np.flatnonzero(s.newest.contradicted[s.mine]).tolist() if k + 1 not in named]
 
 
 def cells(of: Sequence[int]) -> str:

@@ -33,7 +33,7 @@ from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.observe.unseen import RESTED_S
 from bms_gateway.thermal import Floats
 
-NOT_AVAILABLE = np.uint8(Quality.NOT_AVAILABLE)  # numpy's own type, which numpy compares faster
+GOOD, NOT_AVAILABLE = (np.uint8(q) for q in (Quality.GOOD, Quality.NOT_AVAILABLE))  # numpy compares its own type faster
 ABOVE_K = 0.3
 """K, three times the noise of a thermocouple: a good reading replaces the hottest point if it exceeds it by more."""
 ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time
@@ -197,6 +197,9 @@ class Estimators:
                 np.where(usable, x, np.nan) for x in (core, core_sd, surface, centre, centre_sd)
             )
             quality = np.where(usable, quality, NOT_AVAILABLE)
+        unknown = ~usable & (own == GOOD)
+        if unknown.any() or group.contradicted.unknown_s.any():
+            group.put(newest.contradicted, group.contradicted.take(unknown, group.observed.own(e), dt))
         for row, values in (
             (newest.core, core),
             (newest.core_sd, core_sd),

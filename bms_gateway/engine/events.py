@@ -5,7 +5,7 @@ the engine the same frames get the same events in the same order, however the fr
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from math import nan
 from typing import Protocol
@@ -200,6 +200,8 @@ class Judgement:
         State of charge at the tick, 0…1; NaN where unknown.
     voltage : float
         Mean over the tick, V: of the string, or of its cells where only theirs are read; NaN where unknown.
+    surface, age : ndarray (n,), °C, s
+        Readings of the surfaces that are used, NaN without a new one; time between each and the tick.
     """
 
     string: str
@@ -215,6 +217,8 @@ class Judgement:
     flags: tuple[str, ...]
     soc: float = nan
     voltage: float = nan
+    surface: Floats = field(default_factory=lambda: np.empty(0))
+    age: Floats = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)

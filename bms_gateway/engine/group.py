@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.backlog import Backlog
+from bms_gateway.engine.contradicted import Contradicted
 from bms_gateway.engine.core_floor import Floor
 from bms_gateway.engine.observed import Observed
 from bms_gateway.engine.readings import Readings
@@ -56,6 +57,7 @@ class Group:
         Errors of the newest tick's readings.
     heat : ndarray (S,) or None
         Heat of a mean cell from its voltage in the newest tick, W; NaN if unknown, None if there are no voltages.
+    contradicted : Contradicted
     """
 
     members: list[int]
@@ -72,6 +74,7 @@ class Group:
     doubt: Floats | None
     floor: Floor
     watch: HeatWatch | None
+    contradicted: Contradicted
     errors: Errors | None = None
     heat: Floats | None = None
 
@@ -101,6 +104,7 @@ class Group:
             np.array([[s.plan.model.core_doubt] for s in mine]) if any(s.plan.model.core_doubt for s in mine) else None,
             Floor.of([s.plan.model for s in mine]),
             _watch(mine, dt, observed.shares),
+            Contradicted.of(len(mine), mine[0].plan.model.cells),
         )
 
     def reveal(self, j: int) -> None:

@@ -39,6 +39,8 @@ def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estima
                 s.flags,
                 reading.slow["soc"],
                 reading.means.V,
+                reading.y,
+                reading.age,
             )
         )
     return Judged(t1, frames, dict(rejected), tuple(of_each))

@@ -74,6 +74,10 @@ class Observed(Protocol):
         """
         ...
 
+    def own(self, e: Estimate) -> Floats:
+        """`Surprise.own` (S, n), K/s, of the step that gave `e`, by cell; NaN for cells without a sensor."""
+        ...
+
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Mean square current, A², and inlet, °C (S,), with which two plain nodes give the result of the last step."""
         ...
@@ -101,6 +105,10 @@ class PlainStrings:
         heat = driven.heat[:, None] * self.observer.share if self.by_voltage else None  # cells share it by their R_e
         self.observer.reversible.flow(driven.current)
         return self.observer.step(driven.square, heat, driven.inlet, y, age, driven.flow)
+
+    def own(self, e: Estimate) -> Floats:
+        """Return those of the sensors at their cells."""
+        return e.errors.on_cells(self.observer.surprise.own)
 
     @property
     def shares(self) -> Sequence[Share]:
@@ -152,6 +160,12 @@ class StringWithEffects:
         if of is not None:
             self.observer.surprise.assign(*of)
         return self.observer.step(m, y[0], age[0])
+
+    def own(self, e: Estimate) -> Floats:
+        """Return those of the sensors at their cells; the errors of this observer are by cell already."""
+        found = np.full(e.core.shape, np.nan)
+        found[:, np.array(self.string.plan.model.sensors, np.intp) - 1] = self.observer.surprise.own
+        return found
 
     @property
     def shares(self) -> Sequence[Share]:

@@ -68,6 +68,8 @@ class Newest:
     withheld : ndarray (3, N) or None
         Core, hottest point and its sd of cells that are too uncertain to be sent; NaN elsewhere, None without such
         cells. They are still compared with the limits, because an unknown cell may be hot.
+    contradicted : ndarray of bool (N,)
+        See `Contradicted`.
     """
 
     core: Floats
@@ -78,6 +80,7 @@ class Newest:
     centre_sd: Floats
     heat: Floats
     heat_sd: Floats
+    contradicted: NDArray[np.bool_]
     withheld: Floats | None = None
 
     @classmethod
@@ -85,7 +88,7 @@ class Newest:
         """Create the numbers of `cells` cells, all unknown."""
         core, core_sd, surface, centre, centre_sd, heat, heat_sd = np.full((7, cells), np.nan)
         quality = np.full(cells, np.uint8(Quality.NEVER))
-        return cls(core, core_sd, surface, quality, centre, centre_sd, heat, heat_sd)
+        return cls(core, core_sd, surface, quality, centre, centre_sd, heat, heat_sd, np.zeros(cells, np.bool_))
 
     def renew(self) -> None:
         """Make new arrays for the next tick; holders of the last arrays keep them unchanged.

@@ -4,7 +4,7 @@ Cheap sensors fail in ways that look like temperatures. A broken wire reads as o
 input reads as a constant inside the range, and a loose one jumps when the inverter switches. Five rules find them:
 
 * A *jump* is a step that no cell can make. After a jump, a channel is not used for `CONSISTENT` calm samples, and for
-  twice as many after each repetition.
+  twice as many after each repetition. One that reads less beside its neighbours than before waits longer (`stepped`).
 * The *anchor* is the value at which a channel stays. Single dips do not move it: a count of at most `ANCHORED` falls by
   one with each sample that differs and rises by one with each equal sample; at zero the new value becomes the anchor.
   *Active* time is time in which current flows and the other channels move. A channel whose anchor lasts longer than
@@ -42,6 +42,7 @@ from bms_gateway.frames.peers import Peers
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.repeats import Repeats
 from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule
+from bms_gateway.frames.stepped import Seen, Stepped
 
 __all__ = ["Guard", "GuardResult"]
 
@@ -238,6 +239,7 @@ class Guard:
         group = np.array([number[r.quantity, r.group] for r in past], np.intp)
         self._peers, self._neighbours = Peers(group), Neighbours(group, self._limits.proof)
         self._anchors, self._repeats, self._belief = Anchors(m), Repeats(m), Belief(m)
+        self._stepped = Stepped(group, self._limits.jump)
         self._previous, self._previous_ns = np.full(m, np.nan), np.zeros(m, np.int64)
         self._fine = np.zeros(m, np.bool_)
 
@@ -265,6 +267,7 @@ class Guard:
         quality = self._ranges.judge(channel, value, flag)
         shown = Shown.nothing(len(self._channel))
         held_back: Index = np.empty(0, np.intp)
+        self._stepped.begin(self._previous, self._belief.cause == GOOD)
         local = self._local.take(channel)
         for part in _rounds(local):
             # a round of all channels, the usual one, needs no gathering
@@ -310,6 +313,10 @@ class Guard:
         if self._neighbours.any_doubted(c):
             alone = self._neighbours.compare(c, value, usable, seconds)
             jumped |= known & alone.astray
+        held = None
+        if self._stepped.some or jumped.any():
+            believed, usual = self._belief.cause[c] == GOOD, self._neighbours.step[c]
+            held = self._stepped.judge(c, Seen(value, time_ns, usable, jumped, previous, believed, usual))
         stepped = usable & (step > 0)
         shown.updated[c] |= usable
         shown.changed[c] |= stepped & known
@@ -336,6 +343,9 @@ class Guard:
         accepted = ~upset & (calm >= self._belief.needed[c]) & (self._belief.proven[c] | ~proof)
         if alone is not None:
             accepted &= ~alone.far | (calm >= FAR_NEEDED) | (self._belief.cause[c] == GOOD)
+        if held is not None:
+            accepted &= ~held
+            self._belief.cause[c] = np.where(held & ~upset, JUMPY, self._belief.cause[c])
         self._neighbours.trust(c, accepted, usable & known, step)
         return self._belief.settle(c, accepted, usable & ~upset, told)
 

@@ -67,6 +67,11 @@ class Neighbours:
         Number of each channel's group, from 0.
     proof : ndarray of bool (m,)
         Which channels have to prove anything at all.
+
+    Attributes
+    ----------
+    step : ndarray (m,)
+        Usual step of each channel from sample to sample.
     """
 
     def __init__(self, group: Index, proof: Bools) -> None:
@@ -79,7 +84,7 @@ class Neighbours:
         self._place[ordered] = np.arange(m) - np.repeat(np.cumsum(count) - count, count)
         self._table = np.full((groups, int(count.max(initial=1))), np.nan)
         self._trust = np.where(proof, 0, TRUSTED)
-        self._distance, self._step = np.full(m, np.nan), np.zeros(m)
+        self._distance, self.step = np.full(m, np.nan), np.zeros(m)
         # medians of each group: of its levels, of their distances from that, of usual steps, of distances from home
         self._middle, self._spread, self._usual, self._away = np.full((4, groups), np.nan)
 
@@ -99,7 +104,7 @@ class Neighbours:
         late = seconds > SOON_S
         astray &= ~late
         far = asked & (np.abs(distance) > np.maximum(FAR_K, FAR_SPREADS * self._spread[group]))
-        strays = asked & (self._step[c] >= STRAYS_K) & (self._away[group] >= AWAY_K)
+        strays = asked & (self.step[c] >= STRAYS_K) & (self._away[group] >= AWAY_K)
         # a channel that has left its place is compared at the new one: a thermometer that was plugged in stays there
         anew = astray | late | np.isnan(before)
         self._distance[c] = np.where(asked, np.where(anew, distance, before + (distance - before) / OVER), before)
@@ -107,10 +112,10 @@ class Neighbours:
 
     def trust(self, c: Index | slice, accepted: Bools, stepped: Bools, step: Floats) -> None:
         """Count the samples accepted in a row, and update the usual size of a step."""
-        trust, usual = self._trust[c], self._step[c]
+        trust, usual = self._trust[c], self.step[c]
         count = np.where(accepted, np.minimum(trust + 1, TRUSTED), 0)
         self._trust[c] = np.where(self._proof[c], count, trust)
-        self._step[c] = np.where(stepped, usual + (step - usual) / OVER, usual)
+        self.step[c] = np.where(stepped, usual + (step - usual) / OVER, usual)
 
     def advance(self, level: Floats, home: Floats, updated: Bools) -> None:
         """Find the medians at the end of an interval.
@@ -126,7 +131,7 @@ class Neighbours:
             return
         before, self._middle = self._middle, self._medians(level)
         self._spread = self._medians(np.abs(level - self._middle[self._group]))
-        self._usual = self._medians(np.where(np.isnan(level), np.nan, self._step))
+        self._usual = self._medians(np.where(np.isnan(level), np.nan, self.step))
         self._away = self._medians(np.abs(level - home))
         # many senders begin with one sample of exactly zero: while a median jumps, no distance from it is kept
         jumps = np.abs(self._middle - before) > ASTRAY_K

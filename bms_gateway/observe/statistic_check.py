@@ -44,6 +44,11 @@ class StatisticSurprise:
         self._at = np.full((len(sensors), READINGS), -1)
         self._said = np.full(self._at.shape, np.nan)
 
+    @property
+    def own(self) -> Floats:
+        """Rates (S, m), K/s, of `Surprise.own` by the cells' own thermocouples."""
+        return self._of.own[:, : self._m]
+
     def set_parameters(self, parameters: Sequence[StringParameters]) -> None:
         """Take other numbers of the strings into use."""
         self._of.set_parameters(parameters)

@@ -267,7 +267,7 @@ def _heat_table(
         if f != "always":
             what = escape(f"{regime.title}, {unit(regime.unit)}")
             body.append(f'<tr><th class="group" scope="rowgroup" colspan="{wide}">{what}</th></tr>')
-        # surfaces are sorted each by its own, and what a cell remembers depends on the model
+        # the errors of each cell are sorted by its own surface
         shared = len({tuple(b.label for b in bins) for bins in row if bins}) == 1
         for i in range(max(len(bins) for bins in row)):
             same = [bins[i] for bins in row if i < len(bins)]

@@ -12,6 +12,20 @@ from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import catalogue, effect_named
 
 _MAPPED: Final = re.compile(r" \(map (it|them): --columns .*\)")
+_PAIR: Final = r"--columns '.*?\]'(?:, or \[°C\] if \w is a name)?"
+_CHOSEN: Final = (
+    (re.compile(rf"\bsay (?:it|which is right): {_PAIR}"), "choose its unit in the table of the columns"),
+    (re.compile(rf"\bSay it: {_PAIR}"), "Choose their unit in the table of the columns"),
+    (
+        re.compile(r"\(a constant inlet: --columns '.*?'\)"),
+        "(a constant inlet is typed above the table of the columns)",
+    ),
+    (
+        re.compile(r"\bFlip it with --columns current_A=-COLUMN"),
+        "Tick “Sign −” of the current in the table of the columns",
+    ),
+)
+"""Where a person does on the page what an option does for the commands."""
 _UNITS: Final = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "m2": "m²", "m3/s": "m³/s", "1": ""}
 """Units in model files and JSON, which can be typed, and in print."""
 _WRITTEN: Final = re.compile(rf"(?<=\d )({'|'.join(u for u in _UNITS if u != '1')})(?![\w/])")
@@ -139,12 +153,17 @@ def in_words(text: str) -> str:
 
 
 def on_page(text: str) -> str:
-    """Write an error for the page, which has a table of the columns in place of `--columns`.
+    """Write a sentence for the page, which has a table of the columns in place of `--columns`.
 
     Examples
     --------
     >>> on_page("a.csv: no column 'current_A'; 'I (A)' may be it (map it: --columns 'current_A=I (A)')")
     "a.csv: no column 'current_A'; 'I (A)' may be it: say in the table of the columns which one it is"
+    >>> on_page("half of its values are above 291 °C: are they in K? Say it: --columns 'surface_1_C=COLUMN [K]'")
+    'half of its values are above 291 °C: are they in K? Choose their unit in the table of the columns'
     """
     constant = ", or type the inlet above it" if "; a constant: --columns" in text else ""
-    return _MAPPED.sub(f": say in the table of the columns which one it is{constant}", text)
+    text = _MAPPED.sub(f": say in the table of the columns which one it is{constant}", text)
+    for typed, chosen in _CHOSEN:
+        text = typed.sub(chosen, text)
+    return text

@@ -37,7 +37,7 @@ from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_apart, heat_map, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
-from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
+from bms_gateway.report.words import in_words, named_all, on_page, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.contours import known
@@ -85,7 +85,12 @@ def opened(
             for k, r in enumerate(records)
         ],
         "checks": [
-            {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": in_words(f.sentence)}
+            {
+                "record": s,
+                "severity": f.severity,
+                "weight": WEIGHTS[f.severity],
+                "sentence": in_words(on_page(f.sentence)),
+            }
             for s, f in checks
         ],
         "notes": [{"record": s, "note": text} for s, text in notes],
@@ -162,14 +167,17 @@ def thermocouple(check: CoreCheck) -> Document:
     return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": check.outside}
 
 
-def stair(e: Errors, core_K: float) -> Document:
-    """Return one step of the staircase: errors, half width of the least certain core, K, and whether it is given."""
+def stair(e: Errors, core_K: float | None) -> Document:
+    """Return one step of the staircase: errors, half width of the least certain core, K, and whether it is given.
+
+    Without a half width, the cores are not judged yet.
+    """
     return {
         "trained_K": finite(e.train_rmse_K),
         "held_K": finite(e.heldout_rmse_K),
         "floor_K": finite(e.noise_floor_K),
-        "core_K": finite(core_K),
-        "core_known": core_K <= UNKNOWN_K,
+        "core_K": None if core_K is None else finite(core_K),
+        "core_known": core_K is None or core_K <= UNKNOWN_K,
     }
 
 

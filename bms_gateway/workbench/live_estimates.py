@@ -97,6 +97,7 @@ class Watch:
         self._alerts = engine.plan.alerts
         self._parked_s = engine.plan.silent_after_ns * 1e-9
         self._parts = list(_parts([s.plan.model.cells for s in engine.strings]))
+        self._read = np.full((2, self._parts[-1].stop if self._parts else 0), np.nan)  # °C; s, as the bus counts
         self._lock = threading.Lock()
         self.ticks = KeptTicks(thinned=kind == "log")
         self.events = Events()
@@ -146,12 +147,23 @@ class Watch:
             self.signals.take(event)
         elif isinstance(event, Estimated):
             self._keep(event)
-        elif isinstance(event, Judged) and self.ticks and self.ticks.last_ns == event.time_ns:
+        if isinstance(event, Judged):
+            self._hear(event)
+        if isinstance(event, Judged) and self.ticks and self.ticks.last_ns == event.time_ns:
             tick = self.ticks.at(event.time_ns)
             driven_by(tick.past, event)
+            tick.read[:] = self._read[0], event.time_ns * 1e-9 - self._read[1]
             if event.frames != self._heard[0]:
                 self._heard = event.frames, event.time_ns
             tick.bus["silent_s"] = (event.time_ns - self._heard[1]) * 1e-9
+
+    def _hear(self, told: Judged) -> None:
+        """Keep the newest reading of each surface, and its time, s; what is left out between two ticks too."""
+        for part, s in zip(self._parts, told.strings, strict=True):
+            new = np.isfinite(s.surface)
+            value, time_s = self._read[:, part]
+            value[new] = s.surface[new]
+            time_s[new] = told.time_ns * 1e-9 - s.age[new]
 
     def _keep(self, told: Estimated) -> None:
         time_ns = told.time_ns
@@ -174,7 +186,8 @@ class Watch:
             trend = self._trend[s.plan.name]
             if R_e is not None and (not trend or trend[-1][1:] != (R_e.value, R_e.sd)):
                 trend.append((time_ns, R_e.value, R_e.sd))
-        tick = Tick(time_ns, cells, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
+        read = np.full((2, len(told.core)), np.nan, np.float32)
+        tick = Tick(time_ns, cells, read, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
         with self._lock:
             self.kept_s = time.monotonic()
             self.ticks.add(tick)
@@ -275,7 +288,7 @@ class Watch:
             "following": view.at_ns is None,
             "playing": view.playing,
             "speed": view.speed,
-            "strings": self._strings(tick),
+            "strings": self._strings(tick, age),
             "bus": tick.bus,
             "events": self.events.grouped(tick.time_ns, first),
         }
@@ -363,8 +376,9 @@ class Watch:
         """Time since the newest tick, s; it grows while a live bus is silent."""
         return 0.0 if self.whole else time.monotonic() - self.kept_s
 
-    def _strings(self, tick: Tick) -> list[dict[str, Any]]:
+    def _strings(self, tick: Tick, age_s: float) -> list[dict[str, Any]]:
         found = []
+        dark = np.flatnonzero(np.isnan(tick.cells[0]) & np.isfinite(tick.read[0])).tolist()
         for s, part, known in zip(self._engine.strings, self._parts, tick.strings, strict=True):
             core, sd, surface, centre, centre_sd, heat, heat_sd = tick.cells[:, part]
             quality = tick.quality[part]
@@ -386,6 +400,13 @@ class Watch:
                     "hottest": hottest_of(centre),
                     "trend": trend[-TREND:],
                     "words": words,
+                    # of cells whose core is not known: what was read at their surface, and how long ago
+                    "read": {
+                        k - part.start: [_n(x, 2), _n(x_age + age_s, 1)]
+                        for k in dark
+                        if part.start <= k < part.stop
+                        for x, x_age in [tick.read[:, k].tolist()]
+                    },
                     "heat": _heat(heat, heat_sd),
                 }
             )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnosis.compare import Comparison, Variant
-from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K
+from bms_gateway.diagnosis.core_band import BAND_SD, CoreBand, at_every_step, at_times, half_width_K
 from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.regimes import seconds_of
@@ -194,29 +194,30 @@ def step(v: Variant, shelf: Shelf) -> Drawn:
             "span": {"yaxis": _span(model), "yaxis2": _span(mean - reach, mean + reach)},
         }
     known = half_width_K(v.cores) <= UNKNOWN_K
-    for r, band in enumerate(v.cores):
-        time = _clock(traces, r)
+    for r, thin in enumerate(v.cores):
+        time, band, m = _clock(traces, r), at_every_step(thin, v.fit), v.fit.problem.records[r]
         for k in range(band.T_c.shape[1]):
             name = f"core-{r}-{k + 1}"
             half_K = BAND_SD * band.total_K[:, k]
             edges = {"model": band.T_c[:, k], "low": band.T_c[:, k] - half_K, "high": band.T_c[:, k] + half_K}
             if not known[k]:  # its band shows how little is known, and no curve looks like a result
                 del edges["model"]
-            found[name] = {role: {"kept": shelf.keep(band.time_s / time.seconds, y)} for role, y in edges.items()}
+            drawn = {role: _open(m, time, (band.time_s, y)) for role, y in edges.items()}
+            found[name] = {role: {"kept": shelf.keep(*one)} for role, one in drawn.items()}
             found[name]["span"] = {"yaxis": _span(edges["low"], edges["high"])}
-            outside = _outside(v, r, k + 1)
+            outside = _outside(v, band, k + 1)
             if outside is not None:
                 found[name]["outside"] = {"kept": shelf.keep(outside[0] / time.seconds, outside[1])}
     return found
 
 
-def _outside(v: Variant, record: int, cell: int) -> tuple[Floats, Floats] | None:
+def _outside(v: Variant, band: CoreBand, cell: int) -> tuple[Floats, Floats] | None:
     """Return the readings of a thermocouple in a core outside the model's band, with gaps; None if there are none."""
-    probe = _thermocouple(v.core_checks, record, cell)
+    probe = _thermocouple(v.core_checks, band.record, cell)
     if probe is None:
         return None
     t, y = probe
-    read, sd = at_times(v.cores[record], cell, t, probe_lever(v.fit.problem.model))
+    read, sd = at_times(band, cell, t, probe_lever(v.fit.problem.model))
     beyond = np.abs(y - read) > BAND_SD * np.maximum(sd, 1e-9)
     return (t, np.where(beyond, y, np.nan)) if beyond.any() else None
 

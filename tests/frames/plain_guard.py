@@ -52,6 +52,15 @@ class Channel:
     trust: int = 0
     distance: float = math.nan
     usual: float = 0.0
+    # since a jump while it was good: what it read over its neighbours before, how near that is back, whether it has
+    # read less since; where and when its last jump ended, whether it has moved from there, and since when it is back
+    was: float = math.nan
+    near: float = math.nan
+    low: bool = False
+    landed: float = math.nan
+    moved: bool = False
+    jumped_ns: int = 0
+    back_ns: int | None = None
     seen: bool = False
     changed: bool = False
     stepped_finely: bool = False
@@ -84,9 +93,13 @@ class PlainGuard:
         self.end_ns: int | None = None
         self.fine: set[tuple[str, int]] = set()
         self.middles = {c.kind: Middle() for c in self.channels}
+        self.levels: list[float] = []
 
     def update(self, samples: list[tuple[int, int, float, Quality]], t1_ns: int, active: list[bool]) -> list[Quality]:
         """Judge (time, channel, value, flag) of one interval, in order."""
+        self.levels = [
+            c.previous if c.cause == Quality.GOOD or not math.isnan(c.was) else math.nan for c in self.channels
+        ]
         for c in self.channels:
             c.seen = c.changed = c.stepped_finely = False
             c.rejected = {}
@@ -155,6 +168,7 @@ class PlainGuard:
         jumped = usable and known and step > rule.jump + rule.jump_rate * seconds
         astray, far, strays = self.beside(c, value, seconds) if usable and c.doubted else (False, False, False)
         jumped |= known and astray
+        low = usable and self.reads_less(c, time_ns, value, jumped)
         if usable:
             c.seen = True
             c.changed |= step > 0
@@ -189,11 +203,38 @@ class PlainGuard:
         if c.calm >= 300:
             c.strikes, c.needed = 0, 3
         follows = c.calm >= 8 or c.cause == Quality.GOOD or not far
-        accepted = c.calm >= c.needed and (c.proven or not rule.needs_proof) and follows
+        accepted = c.calm >= c.needed and (c.proven or not rule.needs_proof) and follows and not low
         c.trust = min(c.trust + 1, 30) if accepted else 0
-        if accepted:
-            c.cause = Quality.GOOD
+        c.cause = Quality.GOOD if accepted else Quality.JUMPY if low else c.cause
         return c.cause
+
+    def reads_less(self, c: Channel, time_ns: int, value: float, jumped: bool) -> bool:
+        """Whether it has jumped in the last 15 minutes and reads less over its neighbours than before."""
+        of_kind = [
+            level
+            for o, level in zip(self.channels, self.levels, strict=True)
+            if o is not c and o.kind == c.kind and o.rule.remembers and not math.isnan(level)
+        ]
+        middle = statistics.median(of_kind) if len(of_kind) >= 2 else math.nan
+        if jumped:
+            if math.isnan(c.was) and c.cause == Quality.GOOD:
+                c.was, c.near, c.low = c.previous - middle, max(0.5 * c.rule.jump, 3.0 * c.usual), False
+            c.jumped_ns, c.back_ns, c.landed, c.moved = time_ns, None, value, False
+            return False
+        if math.isnan(c.was):
+            return False
+        c.moved |= value != c.landed
+        over = value - middle - c.was
+        if math.isnan(over) or over < -c.near:
+            c.low, c.back_ns = True, None
+        elif c.back_ns is None:
+            c.back_ns = time_ns
+        back = c.back_ns is not None and time_ns - c.back_ns >= 60 * 1_000_000_000
+        late = time_ns - c.jumped_ns >= 900 * 1_000_000_000
+        low = c.low and not ((back or late) and c.moved)
+        if (c.low and not low) or (not c.low and (late or over <= c.near)):
+            c.was = math.nan
+        return low
 
     def beside(self, c: Channel, value: float, seconds: float) -> tuple[bool, bool, bool]:
         """Whether it goes astray, is far from its neighbours, and would come home alone."""

@@ -57,6 +57,24 @@ def test_bars_of_a_fit_on_its_way_say_what_they_show(window, axe, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_core_of_a_fit_on_its_way_has_no_bar_and_says_why(window, axe, tmp_path):
+    # Bug: it stood at 2.0 K while the fit ran, and ended at 14 K.
+    with at_add(window, tmp_path) as page:
+        page.run(FOUND, 0.3)
+        core = (
+            "const f = [...document.querySelectorAll('.stairs figure')].at(-1);"
+            "const b = [...f.querySelectorAll('.bar')].at(-1);"
+        )
+        height = "parseFloat(b.style.getPropertyValue('--h'))"
+        assert page.run(f"{core} return [b.lastChild.textContent, {height}]") == ["…", 0.0]
+        assert page.run(core + "return f.querySelector('figcaption').textContent").endswith(
+            "…: judged when the fit has ended"
+        )
+        assert "being fitted (closest fit so far) not judged yet" in page.run(core + "return f.lastChild.ariaLabel")
+        assert faults(page, axe) == []
+
+
+@pytest.mark.slow
 def test_bars_end_at_the_error_that_is_stated(window, tmp_path):
     pack = make_pack(tmp_path)
     with served(tmp_path, *pack.words) as url:

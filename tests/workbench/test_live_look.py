@@ -15,25 +15,12 @@ from bms_gateway.workbench.live_estimates import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
+from tests.workbench.held_pictures import CATCH
 
 EXAMPLE = "deploy/example/gateway.toml"
 LIMIT_C = 80.0
 """Of the cores, where the config names none."""
 CIVIDIS = ((0, 34, 78), (53, 69, 108), (102, 105, 112), (148, 142, 119), (200, 184, 102), (254, 232, 56))
-CATCH = """
-const Own = window.EventSource;
-window.EventSource = class extends Own {
-  set onmessage(f) {
-    super.onmessage = e => {
-      if (!this.url.includes('/api/watch')) { f(e); return; }
-      window.last ??= JSON.parse(e.data);
-      if (!window.held) { window.last = JSON.parse(e.data); f(e); }
-    };
-    if (this.url.includes('/api/watch')) window.show = p => f({data: JSON.stringify(p)});
-  }
-};
-"""
-"""Holds the pictures of the page back, so that a test can show one that it has changed."""
 
 
 @pytest.fixture(scope="module")

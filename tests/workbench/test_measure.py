@@ -97,6 +97,22 @@ def test_a_cursor_reads_a_curve_where_it_stands_and_the_residual_is_reading_minu
     assert residual["a"] == pytest.approx(y[k] - model["a"], abs=5e-3)
 
 
+def test_a_core_has_as_many_samples_as_the_surface_and_lies_on_the_trajectory_of_the_fit(desk):
+    # Bug: of 1,500 samples of a surface, its modelled core had every second one, and of ten hours one a minute.
+    counted = {}
+    for name in ("surface-0-3", "core-0-3"):
+        (model,) = [
+            c for c in desk.measures([name], None, None) if c["name"].endswith(", refitted") and c["unit"] == "°C"
+        ]
+        counted[name] = model["count"]
+    assert counted["core-0-3"] >= counted["surface-0-3"] > 1200
+    drawn = desk.figure("core-0-3", (5.0, 6.0))["steps"][-1]
+    inside = [k for k, x in enumerate(drawn["model"]["x"]) if 5.0 <= x <= 6.0]
+    assert len(inside) == 61
+    for role in ("low", "high"):
+        assert drawn[role]["x"] == drawn["model"]["x"]
+
+
 def test_the_current_is_held_and_an_end_is_no_value(desk, pack):
     t, I = column(pack.hidden, "time_s"), column(pack.hidden, "current_A")  # noqa: E741
     k = int(np.argmax(np.abs(np.diff(I))))  # between two rows of a step it is the one or the other

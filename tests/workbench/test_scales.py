@@ -52,6 +52,45 @@ def test_a_stretch_fills_the_picture_and_the_whole_record_comes_back(window, pac
                   ",".join(map(str, whole)))  # fmt: skip
 
 
+CORE = """
+const p = document.querySelector('#plot-core'), all = p._fullLayout;
+const [from, to] = all.xaxis.range, [low, high] = all.yaxis.range;
+const across = (t) => Array.from(t.x).flatMap((x, i) => {
+  const y = t.y[i], x0 = t.x[i - 1], y0 = t.y[i - 1];
+  if (x === null || y === null || x0 === null || x0 === undefined || y0 === null) return [];
+  const at = [from, to].filter((e) => Math.min(x, x0) <= e && e <= Math.max(x, x0) && x !== x0);
+  return [...(x >= from && x <= to ? [y] : []), ...at.map((e) => y0 + (e - x0) / (x - x0) * (y - y0))];
+});
+const ys = p.data.flatMap(across);
+if (Math.abs(to - from - arguments[0]) > 1e-6 * arguments[0] || !ys.length) return null;
+return {inside: Math.min(...ys) > low && Math.max(...ys) < high, high: high - low,
+  points: p.data.filter(d => d.name === 'refitted' && d.fill !== 'toself')
+    .map(d => Array.from(d.x).filter(x => x >= from && x <= to).length)};
+"""
+
+
+def test_a_stretch_of_a_core_shows_every_step_of_the_fit_and_all_of_curve_and_band(window, pack):
+    # Bug: a core had one point a minute of 10 h at any zoom, and its axis was that of the points in the window, 17 mK.
+    with served(pack.folder, pack.clean, "--model", pack.model) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-compare")
+        page.wait("return document.querySelector('#plot-core')?.dataset.linked")
+        for low, high, unit in (
+            (10.0, 11.0, 1.0),
+            (600.2 / 60.0, 600.8 / 60.0, 60.0),
+        ):  # the second between two samples
+            move = "return Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': arguments[0]})"
+            page.run(move, [low, high])
+            page.wait("return document.querySelector('#stage').dataset.window.split(',').length === 2")
+            seen = page.wait(CORE, (high - low) * unit)
+            assert seen["inside"]
+            assert seen["high"] > 0.5  # of K, the least band of a core here
+            if unit == 1.0:
+                assert seen["points"] == [61]
+
+
 def test_colours_and_axis_of_the_residual_follow_what_is_shown_or_stay(window, pack):
     with served(pack.folder, pack.clean, "--model", pack.model) as url:
         page = window(url)

@@ -7,6 +7,7 @@ const SCALE = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [20
 const SVG = "http://www.w3.org/2000/svg";
 // The scale ends at the limit of the cores and does not move; near the limit and over it cells have colours of their own.
 const BELOW_K = 50, NEAR_K = 10;
+const OLD_S = 3; // s, age from which a reading is not of now
 const NEAR = [255, 152, 56], OVER = [176, 0, 32];
 let about = null;
 let view = "";
@@ -53,7 +54,7 @@ export function prepare(known, grafana) {
     el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K, as all bands here; coolant flows from left to right. Colour: the hottest point inside the cell, ",
       `${plain(limit - BELOW_K)} °C `, el("span", { class: "scale", id: "scale" }), ` ${plain(limit - NEAR_K)} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${plain(limit - NEAR_K)} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${plain(limit)} °C and over`,
-      " · Dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · hatched: an old value · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
+      ` · Not known: the last reading of its surface stands below, with its age, and gives the colour from ${plain(NEAR_K)} K below the limit of surfaces on · Dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · hatched: an old value · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)`),
     ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
@@ -61,8 +62,8 @@ export function prepare(known, grafana) {
 function string(s) {
   const told = el("p", { class: "ahead", role: "status" });
   const cells = Array.from({ length: s.cells }, (_, k) => {
-    const parts = { core: document.createTextNode("–"), half: document.createTextNode("") };
-    const node = el("button", { type: "button", class: "live-cell", onclick: () => { told.picked = k; put(told, cells[k].node.title); } }, el("small", {}, `${k + 1}`), el("b", {}, parts.core), el("span", {}, parts.half));
+    const parts = { core: document.createTextNode("–"), half: document.createTextNode(""), read: document.createTextNode("") };
+    const node = el("button", { type: "button", class: "live-cell", onclick: () => { told.picked = k; put(told, cells[k].node.title); } }, el("small", {}, `${k + 1}`), el("b", {}, parts.core), el("span", {}, parts.half), el("span", { class: "read" }, parts.read));
     return { node, ...parts, k, last: "" };
   });
   const hottest = el("p", {}), ahead = el("p", { class: "ahead muted" }), resistance = el("p", {}), words = el("p", {}), heat = el("p", {}), trend = document.createElementNS(SVG, "svg");
@@ -197,16 +198,20 @@ function row(r, s, state) {
   for (const c of r.cells) {
     const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k], centre = s.centre[c.k];
     const unknown = unknownCore(s, c.k);
-    const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}`;
+    // a core that is not known hides no surface: its last reading, with its age where it is not new
+    const [read, age] = s.read?.[c.k] ?? [null, 0], old = age > OLD_S ? `${age < 120 ? `${Math.round(age)} s` : clock(age)} ago` : "";
+    const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}|${read}|${old}`;
     if (c.last === now) continue;
     c.last = now;
-    const word = about.words[q], hottest = Math.max(core ?? -Infinity, centre ?? -Infinity);
+    const word = about.words[q], warm = read === null ? -Infinity : read - about.limits.surface_C + limit; // as far below its own limit
+    const hottest = Math.max(core ?? -Infinity, centre ?? -Infinity, warm);
+    put(c.read, read === null ? "" : `surface ${degrees(read)}${old && `, ${old}`}`);
     put(c.core, degrees(core)); put(c.half, unknown ? "not known" : half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
-    const [red, green, blue] = core === null ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((hottest - limit + BELOW_K) / (BELOW_K - NEAR_K));
+    const [red, green, blue] = core === null && hottest < limit - NEAR_K ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((hottest - limit + BELOW_K) / (BELOW_K - NEAR_K));
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" || unknown ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${unknown ? `core not known to ${about.available.K} K (1 sd)` : `${word} (${about.why[q] ?? ""})`}; surface ${degrees(s.surface[c.k])} °C; hottest point ${point(centre, s.centre_half[c.k])}${hottest >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
+    c.node.title = `Cell ${c.k + 1}: ${unknown ? `core not known to ${about.available.K} K (1 sd)` : `${word} (${about.why[q] ?? ""})`}; surface ${read === null ? degrees(s.surface[c.k]) : `read ${degrees(read)}`} °C${old && `, ${old}`}${warm >= limit ? `, at or over its limit of ${plain(about.limits.surface_C)} °C` : ""}; hottest point ${point(centre, s.centre_half[c.k])}${Math.max(core ?? -Infinity, centre ?? -Infinity) >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   const unknown = s.core.flatMap((x, k) => (x === null ? [k + 1] : [])); // one of them may be hotter

@@ -91,7 +91,7 @@ function columnsOf(g) {
     wide(el("div", { class: "scroll", id: k ? `mapping-table-${k}` : "mapping-table", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
       el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Read as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...g.rows.map((r) => line(g, r)))))),
-    look.notes.length ? el("p", { class: "muted" }, `${sentence(look.notes.join("; "))}.`) : ""];
+    look.notes.length ? el("p", { class: "muted" }, `${sentence(look.notes.join("; "))}`.replace(/[^.?]$/, "$&.")) : ""];
 }
 
 // Chambers are often set, and not recorded: their temperature is typed then.

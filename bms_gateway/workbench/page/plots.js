@@ -251,14 +251,19 @@ function timesOf(data, layout, figure, node) {
   return data.map((t) => (t.x ? { ...t, x: Array.from(t.x, (x) => (x === null ? null : x * per)) } : t));
 }
 
-// The axes of a figure for what all of its steps have in a stretch of time.
+// The axes of a figure for what all of its steps have in a stretch of time, bands too. A line between two samples is there where they are not.
 function axesWithin(figure, layout, [from, to]) {
-  const found = { yaxis: [], yaxis2: [] };
-  const take = (of, axis) => of?.x?.forEach((x, i) => { const y = of.y[i]; if (x >= from && x <= to && typeof y === "number" && !Number.isNaN(y)) found[axis].push(y); });
+  const found = { yaxis: [], yaxis2: [] }, number = (y) => typeof y === "number" && !Number.isNaN(y);
+  const take = (of, axis) => of?.x?.forEach((x, i) => {
+    const y = of.y[i], before = of.x[i - 1], last = of.y[i - 1];
+    if (!number(y) || x === null) return;
+    if (x >= from && x <= to) found[axis].push(y);
+    if (i && before !== null && number(last)) for (const end of [from, to]) if (before < end && end < x) found[axis].push(last + ((end - before) / (x - before)) * (y - last));
+  });
   for (const d of figure.data) take(d, d.yaxis === "y2" ? "yaxis2" : "yaxis");
   const names = ticked(state.steps).map((s) => s.name);
   for (const s of figure.steps ?? []) {
-    for (const of of s.model ? [s.model] : [s.low, s.high]) take(of, "yaxis");
+    for (const of of [s.model, s.low, s.high]) take(of, "yaxis");
     if (!ui.closeUp || names.includes(s.name)) for (const of of [s.each, s.mean]) take(of, "yaxis2");
   }
   const axes = Object.entries(found).filter(([axis, ys]) => ys.length && layout[axis]);

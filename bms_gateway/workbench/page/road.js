@@ -354,19 +354,21 @@ function climb() {
   barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.core?.proven === false ? " (core not proven)" : ""}`]));
   barsWorse.replaceChildren(...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
   for (const [i, [kind, title]] of kinds.entries()) {
-    const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
+    // a core is judged when the fit has ended: what its band is on the way is no answer
+    const later = all.map((s) => kind === "core_K" && s.kind === "fitting" && !unknown(s));
+    const values = all.map((s, j) => (later[j] || (kind === "core_K" && unknown(s)) ? null : s.stair?.[kind] ?? null));
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
     // a core that is not known stands as high as the picture, above all bands that are: no band looks wider than it
     const open = values.map((v, j) => v === null && kind === "core_K" && unknown(all[j]));
     const top = (Math.max(...values, floor ?? 0) || 1) * (open.includes(true) ? 1.25 : 1);
     const [caption, bars] = stairs.children[i].children;
-    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" && all.some(unknown) ? "; ?: not known" : ""}`;
-    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${open[j] ? "not known" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" ? `${all.some(unknown) ? "; ?: not known" : ""}${later.includes(true) ? "; …: judged when the fit has ended" : ""}` : ""}`;
+    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${open[j] ? "not known" : later[j] ? "not judged yet" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
       bar.className = `bar ${all[j].kind}${open[j] ? " open" : ""}`;
-      bar.lastChild.textContent = v !== null ? K(v, 2).replace(" K", "") : open[j] ? "?" : "–";
-      bar.lastChild.classList.toggle("danger", v === null && kind === "core_K");
+      bar.lastChild.textContent = v !== null ? K(v, 2).replace(" K", "") : open[j] ? "?" : later[j] ? "…" : "–";
+      bar.lastChild.classList.toggle("danger", v === null && kind === "core_K" && !later[j]);
       bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${open[j] ? 100 : v === null ? 0 : (100 * v) / top}%`);
     });
