@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(args.config)
     distinct(outputs, [*loaded.files, *args.log, *(p for p in (args.profile, args.truth) if p is not None)])
     given_once(args.log)
-    plan, plans = loaded.plan, _profile(args)
+    plan, plans = replace(loaded.plan, transmit=False), _profile(args)
     engine, span, notes = Engine(plan, loaded.database), Span(), [LogNotes() for _ in args.log]
     engine.foresee()
     truth = None

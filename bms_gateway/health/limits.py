@@ -362,7 +362,7 @@ class Limits:
         seen = over[known[over]]
         unseen = not len(seen)
         among = over if unseen else seen
-        at = int(among[np.nanargmax(np.where(np.isfinite(limit.last[among]), limit.last[among], -np.inf))])
+        at = int(among[np.argmax(np.where(np.isfinite(limit.last[among]), limit.last[among], -np.inf))])
         cell = at - part.start + 1
         if unseen:
             now = f": {self._last(limit, at)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import isnan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,8 +107,9 @@ def average(u: Drive) -> Drive:
 
 
 def _mean(x: Floats) -> Floats:
-    mean: Floats = np.mean(x, keepdims=True)
-    if np.isnan(mean[0]) and np.isfinite(x).any():  # nanmean takes ten times as long
+    mean: Floats = np.add.reduce(x, keepdims=True)  # as np.mean, in half of its time
+    mean /= len(x)
+    if isnan(mean[0]) and np.isfinite(x).any():  # nanmean takes ten times as long
         return np.atleast_1d(np.nanmean(x))
     return mean
 

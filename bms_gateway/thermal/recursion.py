@@ -5,9 +5,10 @@ trajectory of a few cells) the number of calls determines the time: such a recur
 with the response of a whole block (`_Response`).
 """
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.thermal.parameters import Floats
 
@@ -141,13 +142,14 @@ class _Response:
     def __init__(self, Phi: Floats, Gamma: Floats, steps: int) -> None:
         D, self.steps = len(Phi), steps
         self.m = m = min(steps, max(2, RESPONSE // D))
-        powers = [np.eye(D)]
-        for _ in range(m):
-            powers.append(Phi @ powers[-1])
-        self._from_start = np.concatenate(powers[1:])
-        lag = np.subtract.outer(np.arange(m), np.arange(m))
-        response = np.where((lag >= 0)[..., None, None], np.stack(powers)[lag] @ Gamma, 0.0)
-        self._from_drive = response.transpose(0, 2, 1, 3).reshape(m * D, m * D)
+        powers = np.empty((m + 1, D, D))
+        powers[0] = np.eye(D)
+        for k in range(m):
+            np.matmul(Phi, powers[k], out=powers[k + 1])
+        self._from_start = powers[1:].reshape(m * D, D)
+        responses = np.zeros((m + 1, D, D))  # the last one is that of a step yet to come
+        np.matmul(powers[:m], Gamma, out=responses[:m])
+        self._from_drive = responses[_lags(m)].transpose(0, 2, 1, 3).reshape(m * D, m * D)
         blocks = -(-steps // m)
         self._starts = _Response(powers[-1], np.eye(D), blocks - 1) if blocks > 1 else None
 
@@ -164,6 +166,13 @@ class _Response:
             starts[1:] = self._starts.run(x0, states[:-1, -D:])
         states += self._from_start @ starts
         return states.reshape(-1, D, P)[:N]
+
+
+@cache
+def _lags(m: int) -> NDArray[np.intp]:
+    """Return by how many steps each of m steps (row) comes after each (column); m where it comes before."""
+    lag = np.subtract.outer(np.arange(m), np.arange(m))
+    return np.where(lag >= 0, lag, m)
 
 
 def exponentials(Z: Floats) -> tuple[Floats, Floats]:
@@ -191,10 +200,14 @@ def exponentials(Z: Floats) -> tuple[Floats, Floats]:
     small = Z / 2.0**doublings
     phi = one
     for k in range(TERMS, 1, -1):
-        phi = one + small @ phi / k
-    e = one + small @ phi
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(doublings):
-            phi = 0.5 * (phi + e @ phi)
-            e = e @ e
+        phi = small @ phi
+        phi /= k
+        phi += one
+    e = small @ phi
+    e += one
+    if doublings:
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(doublings):
+                phi = 0.5 * (phi + e @ phi)
+                e = e @ e
     return e, phi

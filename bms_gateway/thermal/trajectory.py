@@ -189,7 +189,8 @@ def _relax(
     for sweep in range(SWEEPS):
         mean = _means(X)
         w = system.rates(mean) - (recursion.A @ mean.T).T
-        new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
+        new = recursion.run(x0[:, None], w[..., None])[..., 0]
+        np.minimum(np.maximum(new, COLD, out=new), HOT, out=new)
         moved = np.abs(new - X)
         change = float(moved.max())
         X = new
@@ -279,8 +280,9 @@ def _stepped(x0: Floats, g: Floats, J: Floats, recursion: Recursion) -> Floats:
         solved = np.linalg.solve(np.eye(D) - B, right)
         S = np.empty((len(J) + 1, D, P))
         S[0] = x0
-        for k, (M, b) in enumerate(zip(solved[..., :D], solved[..., D:], strict=True)):
-            S[k + 1] = M @ S[k] + b
+        for M, b, now, after in zip(solved[..., :D], solved[..., D:], S[:-1], S[1:], strict=True):
+            np.matmul(M, now, out=after)
+            after += b
     return S.transpose(2, 1, 0)
 
 

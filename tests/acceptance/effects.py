@@ -15,6 +15,7 @@ GATEWAY = """
 [bus]
 interface = "socketcan"
 channel = "vcan0"
+transmit = false
 [[string]]
 name = "string_1"
 model = "{model}"

@@ -21,9 +21,13 @@ from tests.acceptance.drives import analyze, string_drive
 from tests.acceptance.effects import config_with, encoded, hidden, models
 from tests.acceptance.live_effects import Core, judged
 
+ACCUSED = {"unexplained_heat", "missing_heat", "cooling", "inlet", "current", "mismatch", "unproven"}
+LONG_S = dict.fromkeys(("busbar_joule", "cell_conduction", "surface_joule"), 2400)
+"""Effects with which a string is also to be accused of nothing: their drives are longer."""
 
-def before_and_after(name: str, directory: Path, seed: int = 3, seconds: int = 2400) -> tuple[Core, Core]:
-    log = hidden(name, seed, seconds)
+
+def before_and_after(name: str, directory: Path, seed: int = 3) -> tuple[Core, Core]:
+    log = hidden(name, seed, LONG_S.get(name, 1500))
     plain, better = (config_with(m, k, directory) for m, k in zip(models(log, name), ("plain", "better"), strict=True))
     can = encoded(log, plain, directory)
     # A model that lacks a strong effect may know that it does not know a core; the right one does not. When the last
@@ -35,14 +39,6 @@ def before_and_after(name: str, directory: Path, seed: int = 3, seconds: int = 2
     return before, after
 
 
-@pytest.mark.parametrize("name", ["coolant_bypass", "resistance_temperature", "entropic_heat"])
-@pytest.mark.slow
-def test_the_broadcast_core_is_better_with_the_effect_in_the_model_file(name: str, tmp_path: Path) -> None:
-    before, after = before_and_after(name, tmp_path, seconds=1500)
-    assert after.rms < 0.6 * before.rms
-    assert after.inside >= 0.9
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_every_effect_of_the_catalogue_pays_live(name: str, tmp_path: Path) -> None:
@@ -51,18 +47,10 @@ def test_every_effect_of_the_catalogue_pays_live(name: str, tmp_path: Path) -> N
     drives = [before_and_after(name, tmp_path, seed) for seed in ((3, 4, 5, 6) if several else (3,))]
     assert all(after.inside >= 0.9 for _, after in drives)
     before, after = (np.sqrt(np.mean([core.rms**2 for core in cores])) for cores in zip(*drives, strict=True))
-    assert after < before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["busbar_joule", "cell_conduction", "surface_joule"])
-def test_a_string_with_the_right_effects_is_accused_of_nothing(name: str, tmp_path: Path) -> None:
-    log = hidden(name, 3, 2400)
-    config = config_with(models(log, name)[1], "better", tmp_path)
-    analyze(encoded(log, config, tmp_path), config, tmp_path / "better")
-    told = [json.loads(line) for line in (tmp_path / "better" / "alerts.jsonl").read_text().splitlines()]
-    accused = {"unexplained_heat", "missing_heat", "cooling", "inlet", "current", "mismatch", "unproven"}
-    assert not accused & {a["name"] for a in told}
+    assert after < (0.6 if name in ("coolant_bypass", "resistance_temperature", "entropic_heat") else 1.0) * before
+    if name in LONG_S:  # a string with the right effects is accused of nothing
+        told = [json.loads(line) for line in (tmp_path / "better" / "alerts.jsonl").read_text().splitlines()]
+        assert not ACCUSED & {a["name"] for a in told}
 
 
 def aged(growth: float, minutes: int, directory: Path, seed: int = 0) -> list[tuple[float, float, str]]:

@@ -162,7 +162,8 @@ def road(aged=1.0):
 def plan(m: StringModel, voltages: bool) -> Plan:
     wanted = [("current", None), ("coolant_inlet", None), *(("surface", k) for k in ENDS)]
     wanted += [("cell_voltage", k) for k in ALL] if voltages else []
-    return Plan((StringPlan("s", 1, m, tuple(Channel(q, k, own_signal(1, q, k)) for q, k in wanted)),))
+    channels = tuple(Channel(q, k, own_signal(1, q, k)) for q, k in wanted)
+    return Plan((StringPlan("s", 1, m, channels),), transmit=False)
 
 
 @cache

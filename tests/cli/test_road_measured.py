@@ -7,11 +7,15 @@ from tests.cli.measured_model import MODEL
 from tests.data import need
 
 COLUMNS = "time_s=t_s,current_A=-I_A,coolant_inlet_C=T_amb_C,surface_1_C=T_surf_C,core_1_C=T_core_C"
+EVERY = 2
+"""Rows taken: one every two seconds finds the same effects in half the time."""
 
 
 @pytest.mark.slow
 def test_effects_added_by_the_surface_bring_the_core_down(tmp_path):
-    table = need("core_surface", "lfp_32113_insulated_1.csv")
+    table = tmp_path / "cell.csv"
+    names, *rows = need("core_surface", "lfp_32113_insulated_1.csv").read_text().splitlines()
+    table.write_text("\n".join([names, *rows[::EVERY]]))
     models = [tmp_path / f"{name}.toml" for name in ("nominal", "fitted", "one", "two")]
     models[0].write_text(MODEL)
     told("fit", table, "--model", models[0], "--out", models[1], "--columns", COLUMNS)

@@ -64,7 +64,7 @@ def test_effects_are_named_from_the_surface_alone(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CELLS)
 def test_band_covers_the_thermocouple_in_the_core(name):
-    model, record, core = bench_record(name)
+    model, record, core = bench_record(name, every=2)
     asked = diagnose(model, [record])
     for known in cores_with_named(model, [record], asked):  # as it is, and with what is named
         (band,) = known.bands

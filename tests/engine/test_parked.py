@@ -26,7 +26,7 @@ def plan(of: StringModel, voltages: bool = False) -> Plan:
     channels += [Channel("surface", c, own_signal(1, "surface", c)) for c in SENSORS]
     if voltages:
         channels += [Channel("cell_voltage", c, own_signal(1, "cell_voltage", c)) for c in range(1, CELLS + 1)]
-    return Plan((StringPlan("string_1", 1, of, tuple(channels)),))
+    return Plan((StringPlan("string_1", 1, of, tuple(channels)),), transmit=False)
 
 
 def parked(the_plan: Plan, feed: dict, wakes: list[tuple[int, int]], *, restarts: bool = False) -> tuple[Engine, list]:

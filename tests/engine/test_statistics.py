@@ -50,11 +50,11 @@ def drive(folder: Path, cells: int, seed: int, minutes: int = 40, short_W: float
     for k in range(len(current)):
         t = 1_700_000_000 + k
         lines += [
-            f"({t + 0.1 * j:.6f}) can0 100#"
+            f"({t + 0.5 * j:.6f}) can0 100#"
             + (round(10 * current[k]) & 0xFFFF).to_bytes(2, "little").hex()
             + (round(100 * inlet[k]) & 0xFFFF).to_bytes(2, "little").hex()
             + "00000000"
-            for j in range(10)
+            for j in range(2)
         ]
         noisy = surface[k] + rng.normal(0, 0.1, cells)
         said = [round(2 * (x + 40)) for x in (noisy.max(), noisy.min(), noisy.mean())]

@@ -43,11 +43,13 @@ def why_none() -> str:
 
 def come(condition, what, patience_s=PATIENCE_S):
     """Wait until a condition holds, and give what it gave."""
-    end = time.monotonic() + patience_s
+    begun = time.monotonic()
     while not (found := condition()):
-        if time.monotonic() > end:
+        waited = time.monotonic() - begun
+        if waited > patience_s:
             raise AssertionError(f"did not come within {patience_s:g} s: {what() if callable(what) else what}")
-        time.sleep(0.05)
+        # asking takes time from what is waited for: of a long wait, a tenth is no matter
+        time.sleep(min(max(0.1 * waited, 0.02), 0.15))
     return found
 
 

@@ -27,6 +27,9 @@ def url(pack):
         yield url
 
 
+LEGIBLE = (390, 1280)
+"""Widths at which legibility is judged in dark too: a theme changes colours and no sizes, and these widths have all
+that is shown anywhere, one column and several."""
 WATCH_BARS = """
 window.seen = [];
 new MutationObserver(() => {
@@ -257,7 +260,8 @@ def test_habits(window, url, axe):
                 page.click(f"#tab-{step}")
                 # plots follow a window that changes its size a moment later
                 page.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=20)
-                assert faults(page, axe) == [], (theme, width, step)
+                if theme == "light" or width in LEGIBLE:
+                    assert faults(page, axe) == [], (theme, width, step)
     page.press("2")
     reached = set()
     for _ in range(60):

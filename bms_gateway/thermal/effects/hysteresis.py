@@ -63,22 +63,23 @@ class Hysteresis(Effect):
         """
         Q = p["Q"]
         moved, direction, against = (0.0, 0.0, 0.0) if carry is None else map(float, carry)
-        built = np.empty((u.N, 1))
-        for k, current in enumerate(u.I.tolist()):
-            step = abs(current) * u.dt
+        turned, dt = TURNED * Q, u.dt
+        built = []
+        for current in u.I.tolist():
+            step = abs(current) * dt
             if current * direction < 0.0:
                 against += step
-                if against < TURNED * Q:
-                    built[k] = -expm1(-moved / Q)
+                if against < turned:
+                    built.append(-expm1(-moved / Q))
                     continue
                 moved, direction, step = 0.0, -direction, against
             elif direction == 0.0 and current != 0.0:
                 direction = 1.0 if current > 0.0 else -1.0
             against = 0.0
             x = step / Q
-            built[k] = 1.0 - exp(-moved / Q) * (-expm1(-x) / x if x > 1e-12 else 1.0)
+            built.append(1.0 - exp(-moved / Q) * (-expm1(-x) / x if x > 1e-12 else 1.0))
             moved += step
-        return built, np.array([moved, direction, against])
+        return np.array(built)[:, None], np.array([moved, direction, against])
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:
         """Add |I| times the gap."""

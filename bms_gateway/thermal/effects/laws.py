@@ -7,9 +7,9 @@ import numpy as np
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.warmth import inverse
 
-FEW = 64
-"""Number of intervals up to which plain floats are used: as fast as scipy's filter, which the live gateway with its
-single intervals then need not load."""
+FEW = 4_000
+"""Number of intervals up to which plain floats are used: a fit's thousand lags of a record of that length take 0.2 s,
+loading scipy's filter half a second, and the live gateway with its single intervals need not load it."""
 LEAST_FACTOR = 0.05
 """A resistance never falls below this share of its value, so that a trial of a fit cannot change its sign."""
 
@@ -70,10 +70,11 @@ def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats
     """
     kept = float(np.exp(-dt / tau)) if tau > 0.0 else 0.0
     if len(x) <= FEW:
-        y = np.empty(len(x) + 1)
-        y[0] = before
-        for k, fed in enumerate(((1.0 - kept) * x).tolist()):
-            y[k + 1] = before = fed + kept * before
+        stepped = [before]
+        for fed in ((1.0 - kept) * x).tolist():
+            before = fed + kept * before
+            stepped.append(before)
+        y = np.array(stepped, dtype=np.float64)
     else:
         from scipy.signal import lfilter  # slow to load: only long records need it
 
