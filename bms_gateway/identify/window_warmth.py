@@ -57,7 +57,7 @@ def warmth_of(core: Floats, course: Course) -> tuple[Warmth, float, float]:
     """
     u = warmth(core)
     mean = u.mean(axis=1)
-    own, square = u - mean[:, None], course.square
+    own, square = u - mean[:, None], np.maximum(course.square, 0.0)  # effects of a model may cool, as with I² < 0
     weighted = own * np.sqrt(square)[:, None]
     profile = np.linalg.svd(weighted, full_matrices=False)[2][0] if weighted.any() else np.zeros(u.shape[1])
     mine, apart = (np.repeat(x, course.per)[: course.ticks] for x in (mean, own @ profile))

@@ -147,3 +147,5 @@ def test_cells_that_warm_along_the_coolant_are_one_pattern():
     assert (mean, swing) == pytest.approx((u.mean(), u.mean(axis=1).std()))
     rest = Course.of(np.zeros(K), np.zeros(K), np.zeros(K), np.full(K + 1, 20.0), 1.0, 8.0)
     assert warmth_of(core, rest)[1:] == (0.0, 0.0)
+    cooled = replace(course, square=np.where(np.arange(K // 8) < 4, -50.0, course.square))  # by effects of its model
+    assert warmth_of(core, cooled)[1] == pytest.approx(u[4:].mean())
