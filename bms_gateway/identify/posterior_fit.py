@@ -61,6 +61,8 @@ KEPT = 0.25
 """Share of the earlier evidence that is kept if a window is not used."""
 LEAST_DROP = 0.5
 """Drop of a single mode's log posterior from its top to the other root; below this, the other root is within one sd."""
+UNLEARNT = 0.5
+"""Variance of B, over that of its prior, from which a window that is not used has taught nothing of it."""
 DEAF = 1e3  # times the noise: only the prior and the evidence count
 
 
@@ -203,11 +205,14 @@ def _fitted(job: WindowJob) -> Fit:
     v = np.zeros(len(told.pull))
     v[p : problem.P] = point.xi[:V]
     grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
+    at = problem.cores.mean
+    if doubt > HOPELESS and float(cov[p + WARMTH_AT, p + WARMTH_AT]) > UNLEARNT:
+        problem.cores.mean = 0.0  # R_e of the file counts as that of cells that drive, whatever their temperature
     own = apart(problem, mean, cov)
     mean, cov = effective(problem, mean, cov)
     return Fit(
-        Evidence(z, 0.5 * (info_z + info_z.T), grad_z, problem.cores.mean),
-        point.phi, mean, cov, own, problem.cores.mean, point.end, other, sizes.walk, sizes.white, sizes.slow,
+        Evidence(z, 0.5 * (info_z + info_z.T), grad_z, at),
+        point.phi, mean, cov, own, at, point.end, other, sizes.walk, sizes.white, sizes.slow,
         sizes.tau, rms, doubt,
     )  # fmt: skip
 
