@@ -23,7 +23,7 @@ from bms_gateway.identify.window_start import FRESH, first_start, start_informat
 from bms_gateway.identify.window_warmth import CoresOfRoots, at_readings_of, warmth_of
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.entropy import CAPACITY_AH
-from bms_gateway.thermal.warmth import WARMTH_SD
+from bms_gateway.thermal.warmth import MOST_B, WARMTH_SD
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: with a broad likelihood, distant starts reach the optimum
@@ -455,6 +455,8 @@ class _Noisy:
     def __init__(self, problem: Problem, whitener: Whitener, walk: float) -> None:
         self.problem, self.whitener, self.walk = problem, whitener, walk
         rest = np.full(len(problem.xi0), np.inf)
+        if problem.size > 0.0:
+            rest[WARMTH_AT] = MOST_B / problem.B_unit
         self.lower = np.concatenate([problem.sought.low, -rest])[problem.moving]
         self.upper = np.concatenate([problem.sought.high, rest])[problem.moving]
 

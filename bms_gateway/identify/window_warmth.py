@@ -13,6 +13,9 @@ from bms_gateway.identify.window_means import Means
 from bms_gateway.thermal import Floats, StringParameters
 from bms_gateway.thermal.warmth import warmth
 
+MOST_RATIO = 3.0
+"""Limit of the ratio of two roots' swings, which says nothing where cores hardly move."""
+
 
 def at_readings_of(means: Means, simulated: Floats, core: Floats, p: StringParameters, step_s: float) -> Floats:
     """Move simulated cores to where the thermocouples say that they are.
@@ -107,4 +110,5 @@ class CoresOfRoots:
         if self.better is None or not self.better[1] > 0.0:
             return self.more, self.of_B
         mean, swing = self.better
-        return self.more + self.mean - mean, self.of_B * self.swing / swing
+        of_B = min(max(self.of_B * self.swing / swing, 1.0 / MOST_RATIO), MOST_RATIO)
+        return self.more + self.mean - mean, of_B

@@ -9,7 +9,7 @@ from bms_gateway.identify import Tick, WindowIdentifier
 from bms_gateway.identify.carried import Course
 from bms_gateway.identify.response import Inputs, Warmth, respond
 from bms_gateway.identify.window_means import Means
-from bms_gateway.identify.window_warmth import at_readings_of, warmth_of
+from bms_gateway.identify.window_warmth import MOST_RATIO, CoresOfRoots, at_readings_of, warmth_of
 from bms_gateway.thermal import StringModel, StringParameters, continuous, discretize
 from tests.identify.drive import model
 from tests.truth.effects import resistance_temperature
@@ -149,3 +149,23 @@ def test_cells_that_warm_along_the_coolant_are_one_pattern():
     assert warmth_of(core, rest)[1:] == (0.0, 0.0)
     cooled = replace(course, square=np.where(np.arange(K // 8) < 4, -50.0, course.square))  # by effects of its model
     assert warmth_of(core, cooled)[1] == pytest.approx(u[4:].mean())
+
+
+def test_the_other_root_has_its_own_cores():
+    """What evidence says of R_e and B holds at the cores of the better root, and nothing where cores stand still."""
+    cores = CoresOfRoots(mean=-0.1, swing=0.04)
+    assert cores.known() == (0.0, 1.0)
+    cores.seek_other()
+    cores.mean, cores.swing = -0.25, 0.08
+    assert cores.known() == pytest.approx((-0.15, 2.0))
+    cores.keep(other=False)
+    assert cores.known() == (0.0, 1.0)
+    cores.mean, cores.swing = -0.1, 0.04
+    cores.seek_other()
+    cores.mean, cores.swing = -0.25, 0.08
+    cores.keep(other=True)
+    assert cores.known() == pytest.approx((-0.15, 2.0))
+    cores.swing = 1e-9
+    cores.seek_other()
+    cores.swing = 0.05
+    assert cores.known()[1] == MOST_RATIO
