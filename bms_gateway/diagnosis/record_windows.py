@@ -76,16 +76,18 @@ def learned(model: StringModel, records: Sequence[Measured], fit: MapFit | None 
         return None
     if fit is not None and model.effects:
         records = [replace(m, drive=_as_plain(fit, i, m)) for i, m in enumerate(records)]
-    learner = WindowIdentifier(model)
+    learner, found = WindowIdentifier(model), []
     for i, m in enumerate(records):
         if i:
             learner.cool_anew()
         for tick in _ticks(m, model.cells):
             if (job := learner.add(tick)) is not None:
-                learner.accept(job.run())
+                found.append(job.run())
+                learner.accept(found[-1])
         if (job := learner.finish()) is not None:
-            learner.accept(job.run())
-    return learner.posterior() if learner.windows else None
+            found.append(job.run())
+            learner.accept(found[-1])
+    return learner.posterior().as_constants([r.warmth for r in found]) if learner.windows else None
 
 
 def untaught(model: StringModel) -> Posterior:

@@ -8,7 +8,7 @@ Every method takes the place of the recursive least squares of Lin et al. (Eq 5-
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from typing import Any, Protocol
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from bms_gateway.identify.ticks import Ticks
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
+from bms_gateway.thermal.warmth import WARMTH
 
 LEARNING = "learning"
 IDENTIFIED = "identified"
@@ -97,6 +98,22 @@ class Posterior:
     cov: Floats
     heat: "HeatGain | None" = None
     apart: "Apart | None" = None
+
+    def as_constants(self, warmth: Sequence[tuple[float, float]]) -> "Posterior":
+        """Widen R_e by how it changes with its core, for who takes it for a constant over some windows.
+
+        Parameters
+        ----------
+        warmth : sequence of (float, float)
+            Mean and sd of the cores' warmth in each of them.
+        """
+        if self.apart is None:
+            return self
+        B = self.apart.names.index(WARMTH)
+        away = np.mean([sd**2 + (mean - self.apart.warmth) ** 2 for mean, sd in warmth])
+        cov, at = self.cov.copy(), self.names.index("R_e")
+        cov[at, at] += (self.apart.mean[B] ** 2 + self.apart.cov[B, B]) * away
+        return replace(self, cov=cov)
 
     def with_heat(self) -> tuple[tuple[str, ...], Floats]:
         """Return names and covariance, with the gain as `heat` at the end if there is one."""

@@ -81,8 +81,8 @@ class Fit:
         roots together if neither can be excluded.
     apart : tuple of ndarray (p + 3,), (p + 3, p + 3)
         The same with some effects as numbers of their own (`for_observer.apart`).
-    warmth : float
-        At which R_e is stated there (`thermal.warmth`).
+    warmth : tuple of float
+        At which R_e is stated there (`thermal.warmth`), and the sd of the cores' warmth about it in the window.
     end : ndarray (2n,)
         (T_s, e) at the end of the window.
     other_root : float
@@ -102,7 +102,7 @@ class Fit:
     mean: Floats
     cov: Floats
     apart: tuple[Floats, Floats]
-    warmth: float
+    warmth: tuple[float, float]
     end: Floats
     other_root: float
     walk: float
@@ -212,7 +212,7 @@ def _fitted(job: WindowJob) -> Fit:
     mean, cov = effective(problem, mean, cov)
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z, at),
-        point.phi, mean, cov, own, at, point.end, other, sizes.walk, sizes.white, sizes.slow,
+        point.phi, mean, cov, own, (at, problem.cores.swing), point.end, other, sizes.walk, sizes.white, sizes.slow,
         sizes.tau, rms, doubt,
     )  # fmt: skip
 

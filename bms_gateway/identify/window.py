@@ -251,7 +251,7 @@ class WindowIdentifier:
         p = len(self._names)
         looked, self._out = self._out == "look", ""
         mean, cov = self._as_shown(result.mean, result.cov)
-        self._entropy.answer(*self._as_shown(*result.apart), result.warmth, looked=looked)
+        self._entropy.answer(*self._as_shown(*result.apart), result.warmth[0], looked=looked)
         self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt)
         if looked:
             return

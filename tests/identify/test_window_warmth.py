@@ -62,6 +62,9 @@ def test_windows_find_how_resistance_follows_the_core(B, seed):
     assert p.apart.warmth == pytest.approx(np.sum(heat * u) / np.sum(heat), abs=0.02)
     assert abs(p.apart.mean[R_e] - true) < 2.5 * np.sqrt(p.apart.cov[R_e, R_e]) + 0.02
     assert p.apart.mean[R_e] == pytest.approx(p.mean[p.names.index("R_e")], abs=0.1)  # but for reversible heat
+    constant, at = p.as_constants([(p.apart.warmth, 0.05), (p.apart.warmth + 0.1, 0.0)]), p.names.index("R_e")
+    B_2 = p.apart.mean[p.apart.names.index("warmth")] ** 2 + p.apart.cov[-1, -1]
+    assert constant.cov[at, at] - p.cov[at, at] == pytest.approx(B_2 * (0.05**2 + 0.1**2) / 2)
     assert not identifier.doubts()
 
 
