@@ -2,10 +2,9 @@ r"""Effects that every real cell may have; every window's fit carries them, whet
 
 A window's model has two nodes per cell, I²R_e and a coolant. A real cell also loses heat from its ends, cools a little
 by its entropy and distributes its heat over its radius, its R_e falls as it warms, and its thermocouple is influenced
-by the air. Without these
-effects, a fit would change R_c, R_u and the capacities instead, with full confidence. So each effect below has a
-coefficient v with the prior N(0, 1), in units of its usual size in cells of vehicles. The surfaces are linear in v as
-long as the effects are small:
+by the air. Without these effects, a fit would change R_c, R_u and the capacities instead, with full confidence. So each
+effect below has a coefficient v with the prior N(0, 1), in units of its usual size in cells of vehicles. The surfaces
+are linear in v as long as the effects are small:
 
 .. math::
     y = f(\varphi, \xi) + \sum_j v_j \, c_j(t)
@@ -32,7 +31,7 @@ from bms_gateway.thermal import (
     film,
 )
 from bms_gateway.thermal.entropy import ENTROPIC_SD, ENTROPIC_SLOPE_SD, KELVIN
-from bms_gateway.thermal.warmth import WARMTH, warmth
+from bms_gateway.thermal.warmth import WARMTH, resistance_factor
 
 STEP_S = 8.0
 LEAST_SHARE, MOST_SHARE = 0.03, 0.95
@@ -200,7 +199,7 @@ def columns(
     X[0] = x0
     known = given @ step.B_q[:, :n].T + np.outer(course.inlet[:-1], step.B_f0) + np.outer(course.inlet[1:], step.B_f1)
     for k, forced in enumerate(known):
-        R_e[k] = p.R_e * np.exp(B * warmth(X[k, 0::2]))
+        R_e[k] = p.R_e * resistance_factor(B, X[k, 0::2])
         X[k + 1] = step.A @ X[k] + step.B_q[:, :n] @ (course.square[k] * R_e[k]) + forced
     made = given + course.square[:, None] * R_e
     M, m = coolant_path(p)

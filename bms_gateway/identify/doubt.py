@@ -22,8 +22,8 @@ from bms_gateway.thermal import Floats
 SOUND_SD: Final = {"R_e": 2.0, "R_c": 2.0, "R_u": 2.0, "contact": 1.5, "roll": 3.0, "warmth": 3.0}
 """Prior sd by which the data may move a number. Resistances are what is to be found, and their priors are wide guesses.
 Any share of R_c may lie in the roll, R_e of every cell falls as it warms, and thermocouples have offsets, which look
-like contact. For capacities and the
-other carried effects, the prior is knowledge: data that move them farther indicate a model error."""
+like contact. For capacities and the other carried effects, the prior is knowledge: data that move them farther indicate
+a model error."""
 SOUND_OTHER_SD: Final = 1.0
 HOPELESS: Final = 4.0
 """Factor on the noise from which a window is not used: most of what the surfaces show is missing in the model."""

@@ -79,7 +79,7 @@ class Fit:
     mean, cov : ndarray (p + 1,), (p + 1, p + 1)
         Posterior of φ including the carried effects, and of the logarithm of the gain of heat from voltage; of both
         roots together if neither can be excluded.
-    apart : tuple of ndarray (p + 3,), (p + 3, p + 3)
+    apart : tuple of ndarray (p + 4,), (p + 4, p + 4)
         The same with some effects as numbers of their own (`for_observer.apart`).
     warmth : tuple of float
         At which R_e is stated there (`thermal.warmth`), and the sd of the cores' warmth about it in the window.
@@ -205,11 +205,11 @@ def _fitted(job: WindowJob) -> Fit:
     v = np.zeros(len(told.pull))
     v[p : problem.P] = point.xi[:V]
     grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
-    at = problem.cores.mean
+    at = stated = problem.cores.mean
     if doubt > HOPELESS and float(cov[p + WARMTH_AT, p + WARMTH_AT]) > UNLEARNT:
-        problem.cores.mean = 0.0  # R_e of the file counts as that of cells that drive, whatever their temperature
-    own = apart(problem, mean, cov)
-    mean, cov = effective(problem, mean, cov)
+        stated = 0.0  # R_e of the file counts as that of cells that drive, whatever their temperature
+    own = apart(problem, mean, cov, stated)
+    mean, cov = effective(problem, mean, cov, stated)
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z, at),
         point.phi, mean, cov, own, (at, problem.cores.swing), point.end, other, sizes.walk, sizes.white, sizes.slow,

@@ -366,7 +366,7 @@ class WindowIdentifier:
         shapes = {"z0": (p,), "mean": (p,), "guess": (p,), "grad": (c,), "info": (c, c), "cov": (p, p)}
         shapes["gain_cov"] = (p + 1,)
         vectors, warmth = {k: np.array(state[k], dtype=np.float64) for k in shapes}, float(state.get("warmth", 0.0))
-        if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
+        if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()) or not np.isfinite(warmth):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
         try:
             self._entropy = self._entropy.restored(state.get("entropy"), p + 1 + len(APART_SD))

@@ -10,7 +10,7 @@ import numpy as np
 from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
-from bms_gateway.thermal.warmth import warmth
+from bms_gateway.thermal.warmth import resistance_factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Standing:
 
     def by_warmth(self, core: Floats) -> Floats:
         """R_e of cores at `core` (S, n), °C, over R_e where it is known."""
-        return np.asarray(np.exp(self.B[:, None] * (warmth(core) - self.u_0[:, None])), dtype=np.float64)
+        return resistance_factor(self.B[:, None], core, self.u_0[:, None])
 
     def amps(self, current: Floats) -> Floats:
         """Return I and I s (…, S, 2), A, of reversible heat under currents (…, S), as of `Reversible.pass_step`.

@@ -12,7 +12,7 @@ from bms_gateway.observe.flow import at_level, flow_levels
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.observe.sensitivity import PARAMETERS, R_E_AT, WARMTH_AT, felt_at
 from bms_gateway.thermal import Floats, StringModel, StringParameters
-from bms_gateway.thermal.warmth import WARMTH, warmth
+from bms_gateway.thermal.warmth import WARMTH, resistance_factor
 
 
 @dataclass(slots=True)
@@ -130,7 +130,7 @@ class InForce:
         """R_e (S, n) of the cores of states `x` (S, M), °C, over R_e where it is known."""
         if not self.B.any():
             return np.ones_like(self.R_e)
-        return np.asarray(np.exp(self.B[:, None] * (warmth(self.cores(x)) - self.u_0[:, None])), dtype=np.float64)
+        return resistance_factor(self.B[:, None], self.cores(x), self.u_0[:, None])
 
     def restore(self, parameters: list[StringParameters], own: Mapping[str, Any]) -> None:
         """Set all of them."""

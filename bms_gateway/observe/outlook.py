@@ -68,7 +68,7 @@ class Outlook:
         heat = coming.heat + reversible(s.entropic, amps, x[:, 0 : 2 * n : 2])
         path = np.matmul(R.path, _inputs(x, heat, s.inlet)[:, None, :, None])[..., 0]
         still = course(path, x, s.lag, R.by_path, R.by_now)
-        c = self._heat_per_square(m, s, coming)
+        c = self._heat_per_square(m, s, coming) * self._warmed(s, coming, s.x[:, 0 : 2 * n : 2])
         load = Course(*(c * a for a in (m.response.core, m.response.surface, m.response.lag)))
         if known is None:
             nothing, unit = np.zeros_like(x), c * m.share
@@ -102,12 +102,12 @@ class Outlook:
         """
         m, n = self._follow(s), s.lag.shape[1]
         R, x, lag = m.reach, _shifted(s, coming), s.lag
-        c, at_first = self._heat_per_square(m, s, coming) * m.share, self._warmed(s, coming, s.x[:, 0 : 2 * n : 2])
+        c = self._heat_per_square(m, s, coming) * m.share
         states, lags, one = [x], [lag], R.path[:, 0]
         amps = s.amps(np.nan_to_num(profile.current))
         for square, inlet, now in zip(profile.square[: ENDS[-1]], profile.inlet, amps, strict=False):
             core = x[:, 0 : 2 * n : 2]
-            heat = coming.heat + square[:, None] * c * self._warmed(s, coming, core) / at_first
+            heat = coming.heat + square[:, None] * c * self._warmed(s, coming, core)
             heat = heat + reversible(s.entropic, now, core)
             x = np.matmul(one, _inputs(x, heat, inlet)[:, :, None])[:, :, 0]
             gap = ((x + states[-1]) / 2.0)[:, : 2 * n]
@@ -124,7 +124,8 @@ class Outlook:
         square, inlet = (
             np.stack([v[a:b].mean(axis=0) for a, b in SEGMENTS], axis=1) for v in (profile.square, profile.inlet)
         )
-        heat = square[:, :, None] * c[:, None]
+        warmed = np.stack([self._warmed(s, coming, x[:, 0 : 2 * n : 2]) for x in middle.swapaxes(0, 1)], axis=1)
+        heat = square[:, :, None] * c[:, None] * warmed
         electric, measured = np.where(given, 0.0, heat), np.where(given, heat, 0.0)
         of_parts = np.stack([amps[a:b].mean(axis=0) for a, b in SEGMENTS], axis=1).reshape(-1, amps.shape[-1])
         made = electric, coming.heat[:, None] + measured
@@ -134,10 +135,9 @@ class Outlook:
         return _told(Ahead(still, nothing, known, s.unlike.phi), s)
 
     def _heat_per_square(self, m: _Made, s: Standing, coming: Coming) -> Floats:
-        """Heat (S, 1) of a mean cell per square of the current, W/A²."""
+        """Heat (S, 1) of a mean cell per square of the current, W/A², with R_e where it is known."""
         told = np.clip(coming.heat_per_square * s.gain, m.R_e / FARTHEST, m.R_e * FARTHEST)
-        R_e = m.R_e * self._warmed(s, coming, s.x[:, 0 : 2 * s.lag.shape[1] : 2])[:, 0]
-        return np.where(np.isfinite(told), told, R_e)[:, None]
+        return np.where(np.isfinite(told), told, m.R_e)[:, None]
 
     def _warmed(self, s: Standing, coming: Coming, core: Floats) -> Floats:
         """R_e (S, 1) of mean cores at `core` (S, n) over R_e where it is known; 1 where a voltage tells the heat."""

@@ -50,3 +50,14 @@ def warmth(core: Floats) -> Floats:
     [0.0, -0.211]
     """
     return np.asarray(1000.0 * inverse(core), dtype=np.float64)
+
+
+def resistance_factor(B: float | Floats, core: Floats, u_0: float | Floats = 0.0) -> Floats:
+    """R_e of cores at `core` (…), °C, over R_e at the warmth u_0; B in 1000 K.
+
+    Examples
+    --------
+    >>> resistance_factor(2.5, np.array([25.0, 45.0])).round(3).tolist()
+    [1.0, 0.59]
+    """
+    return np.asarray(np.exp(B * (warmth(core) - u_0)), dtype=np.float64)

@@ -1,6 +1,7 @@
 """R_e of warm cores: the live band holds that a model file without it may lack how R_e changes with the core."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,14 @@ from scipy.integrate import solve_ivp
 
 from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import AdaptiveObserver
+from bms_gateway.observe.ahead import CORE, PATH_S
 from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.forecast_start import Coming, Profile
+from bms_gateway.observe.outlook import Outlook
 from bms_gateway.observe.sensitivity import PARAMETERS, displaced
 from bms_gateway.thermal import Prior, StringModel
 from bms_gateway.thermal.effects import effect_named
-from bms_gateway.thermal.warmth import WARMTH_SD
+from bms_gateway.thermal.warmth import MOST_B, WARMTH_SD
 
 C_c, C_s, R_e, R_c, R_u = 268.0, 18.8, 3.5e-3, 1.266, 0.79
 AMPS, STEPS = 50.0, 1500
@@ -59,6 +63,7 @@ def test_the_core_is_in_its_band_though_its_resistance_changes_with_its_warmth(B
 def test_it_is_known_as_badly_as_the_effect() -> None:
     (B,) = effect_named("resistance_temperature").parameters
     assert B.sd / 1000.0 == WARMTH_SD
+    assert B.upper / 1000.0 == MOST_B
 
 
 def test_at_25_degrees_the_warmth_moves_no_core() -> None:
@@ -182,3 +187,25 @@ def test_a_B_that_is_found_moves_the_core_by_the_heat_that_it_has_had() -> None:
     moved[PARAMETERS.index("warmth")], moved[PARAMETERS.index("R_c")] = B, 0.1
     J[0, PARAMETERS.index("R_c")] = 12.0
     assert displaced(J, moved) == pytest.approx(by_R_e * np.expm1(B * u) + np.array([1.2, 0.0, 2e-5, 0.0]))
+
+
+def test_a_forecast_follows_the_resistance_of_its_cores() -> None:
+    """Oracle: the cell itself, which warms by six kelvin in these ten minutes while its R_e falls by a fifth."""
+    B, now = 3.0, 150
+    o, (core, surface) = observer(), truth(1000.0 * B, 25.0)
+    o.set_parameters(0, {"R_e": R_e, "warmth": B, "u_0": 0.0}, ["R_e", "warmth"], np.diag([0.01**2, 0.2**2]))
+    follow(o, surface, 25.0, stop=now)
+    none, s = np.zeros((1, 1)), o.standing()
+    plain = Coming(np.full(1, np.nan), np.zeros((4, 1)), none, none, none, none, none, np.full(1, AMPS))
+    held = np.full((60, 1), AMPS)
+    profile = Profile(held, held**2, np.full((60, 1), 25.0))
+    T = Outlook().under(s, plain, profile).under(np.zeros(1))[CORE][:, 0, 0]
+    true = core[now - 1 + PATH_S.astype(int)]
+    at_first = s.x[0, 0]
+    assert true[-1] - at_first > 6.0
+    assert np.abs(T - true).max() < 0.5
+    constant = Outlook().under(replace(s, B=np.zeros(1)), plain, profile).under(np.zeros(1))
+    assert constant[CORE][-1, 0, 0] > true[-1] + 1.0
+    # a load that is held has the R_e of now: the forecast is too warm, never too cold
+    ahead = Outlook().ahead(s, plain).under(np.array([AMPS**2]))[CORE][:, 0, 0]
+    assert true[-1] - 0.5 < ahead[-1] < true[-1] + 4.0

@@ -6,19 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.bus.logfile import read_log, write_log
-from bms_gateway.config import load_config, shipped
-from bms_gateway.engine import Engine, Estimated, Judged, drive
+from bms_gateway.bus.logfile import write_log
+from bms_gateway.config import shipped
+from bms_gateway.engine import Estimated, Judged
 from bms_gateway.frames.quality import Quality
-from bms_gateway.workbench.live_estimates import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
-from tests.workbench.held_pictures import CATCH
+from tests.workbench.held_pictures import CATCH, EXAMPLE, LIMIT_C, watched
 
-EXAMPLE = "deploy/example/gateway.toml"
-LIMIT_C = 80.0
-"""Of cores and surfaces, where the config names none."""
 STRING = 2
 SILENT_S = 12.0
 TILES = "return [...document.querySelectorAll('.live-cell')]"
@@ -32,13 +28,10 @@ def log(tmp_path_factory):
 
 
 def test_the_picture_has_the_last_reading_and_its_age(log):
-    config = load_config(shipped(EXAMPLE))
-    engine = Engine(config.plan, config.database)
+    watch, engine, said = watched(log)
     sensed = [k - 1 for k in engine.strings[STRING].plan.model.sensors]
     cell, blind = sensed[0], next(k for k in range(12) if k not in sensed)
-    bus = {"received": 0, "dropped": 0, "bits": 0, "link": "log"}
-    watch = Watch(engine, "log", "drive.log", 500e3, lambda: bus)
-    events, last = list(drive(engine, read_log(log))), None
+    events, last = list(said), None
     end_ns = max(e.time_ns for e in events if isinstance(e, Judged))
     for e in events:
         if isinstance(e, Estimated):

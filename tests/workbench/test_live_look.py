@@ -6,20 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.bus.logfile import read_log, write_log
-from bms_gateway.config import load_config, shipped
-from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.bus.logfile import write_log
+from bms_gateway.config import shipped
+from bms_gateway.engine import Estimated
 from bms_gateway.engine.forecast_result import TOLD_S
 from bms_gateway.frames.quality import Quality
-from bms_gateway.workbench.live_estimates import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
-from tests.workbench.held_pictures import CATCH
+from tests.workbench.held_pictures import CATCH, EXAMPLE, LIMIT_C, watched
 
-EXAMPLE = "deploy/example/gateway.toml"
-LIMIT_C = 80.0
-"""Of the cores, where the config names none."""
 CIVIDIS = ((0, 34, 78), (53, 69, 108), (102, 105, 112), (148, 142, 119), (200, 184, 102), (254, 232, 56))
 
 
@@ -28,15 +24,6 @@ def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "drive.log"
     write_log(path, [traffic(40.0)])
     return path
-
-
-def watched(log):
-    """A watch that no tab looks at yet, its engine, and all that the engine says."""
-    config = load_config(shipped(EXAMPLE))
-    engine = Engine(config.plan, config.database)
-    bus = {"received": 0, "dropped": 0, "bits": 0, "link": "log"}
-    watch = Watch(engine, "log", "drive.log", 500e3, lambda: bus)
-    return watch, engine, drive(engine, read_log(log))
 
 
 def newest(watch):

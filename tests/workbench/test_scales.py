@@ -35,12 +35,18 @@ return ys.length > 20 && Math.min(...ys) > low && Math.max(...ys) < high && high
 """
 
 
+def at_compare(window, url):
+    """The page of records that have been compared, at their pictures."""
+    page = window(url)
+    seen_compared(page)
+    page.idle(FIT_S)
+    page.click("#tab-compare")
+    return page
+
+
 def test_a_stretch_fills_the_picture_and_the_whole_record_comes_back(window, pack):
     with served(pack.folder, pack.clean, "--model", pack.model) as url:
-        page = window(url)
-        seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-compare")
+        page = at_compare(window, url)
         page.wait("return document.querySelector('#plot-surface')?.dataset.linked")
         whole = page.run("return document.querySelector('#plot-surface')._fullLayout.yaxis.range")
         size = 0.5 * (whole[1] - whole[0])
@@ -72,10 +78,7 @@ return {inside: Math.min(...ys) > low && Math.max(...ys) < high, high: high - lo
 def test_a_stretch_of_a_core_shows_every_step_of_the_fit_and_all_of_curve_and_band(window, pack):
     # Bug: a core had one point a minute of 10 h at any zoom, and its axis was that of the points in the window, 17 mK.
     with served(pack.folder, pack.clean, "--model", pack.model) as url:
-        page = window(url)
-        seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-compare")
+        page = at_compare(window, url)
         page.wait("return document.querySelector('#plot-core')?.dataset.linked")
         for low, high, unit in (
             (10.0, 11.0, 1.0),
@@ -93,10 +96,7 @@ def test_a_stretch_of_a_core_shows_every_step_of_the_fit_and_all_of_curve_and_ba
 
 def test_colours_and_axis_of_the_residual_follow_what_is_shown_or_stay(window, pack):
     with served(pack.folder, pack.clean, "--model", pack.model) as url:
-        page = window(url)
-        seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-compare")
+        page = at_compare(window, url)
         page.wait("return document.querySelector('#plot-map').dataset.traces === '1'")
 
         # the map: colours of the step that is in it, until they are to be those of all steps
