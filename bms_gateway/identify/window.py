@@ -25,6 +25,7 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
+from bms_gateway.identify.doubt import DOUBTED
 from bms_gateway.identify.entropic_charge import EntropicCharge
 from bms_gateway.identify.for_observer import APART_AT, APART_SD
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
@@ -43,9 +44,6 @@ CLOGGED = 0.05
 would be followed late or never; with much more, noise of a window exchanges parts of the two."""
 CARRIED_DRIFT = 0.3
 """Sd of a carried effect's change from one window to the next, in its own sd: it differs between drives."""
-DOUBTED = 3.0
-"""Factor on the noise (`Fit.doubt`) from which cores are not proven. Simulated cells without a missing effect stay at
-1.0; where a missing effect moved the core out of its band, it was 8 and more."""
 OTHER_WARMTH = 0.3
 """ln: sd of R_e at 25 °C where R_e is known at another temperature that cells have while driving (`thermal.warmth`)."""
 FORGOTTEN = 10.0
