@@ -95,6 +95,8 @@ class Fit:
         Of the surface residual, K.
     doubt : float
         Factor by which the noise was raised so that parameters stay near their prior; 1 for a right model.
+    constant : ndarray (n,), K
+        Constant error of each cell's thermocouple; 0 where there is none, and of a lone one.
     """
 
     evidence: Evidence
@@ -111,6 +113,7 @@ class Fit:
     tau: float
     rms: float
     doubt: float
+    constant: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +218,7 @@ def _fitted(job: WindowJob) -> Fit:
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z, at),
         point.phi, mean, cov, own, (at, problem.cores.swing), point.end, other, sizes.walk, sizes.white, sizes.slow,
-        sizes.tau, rms, doubt,
+        sizes.tau, rms, doubt, problem.constants(point, sizes),
     )  # fmt: skip
 
 

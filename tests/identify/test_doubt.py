@@ -108,6 +108,23 @@ def test_doubt_gain_and_carried_effects_outlive_a_restart():
         fresh.restore(stored)
 
 
+@pytest.mark.parametrize(("size", "cell"), [("medium", 1), ("strong", 3), ("strong", 5)])
+@pytest.mark.plain_cases(1)
+def test_a_thermocouple_that_reads_too_much_is_found_and_leaves_R_c_as_it_is(size, cell):
+    # Bug: an error of 1.8 K made all readings worthless to the windows, and one of 0.7 K could make cores 5 K too warm.
+    identifier, pack = followed({"thermocouple_offset": (size, cell)})
+    b = {"medium": 0.7, "strong": 1.8}[size]
+    constant = identifier.posterior().constant
+    assert constant[1] == constant[3] == 0.0  # cells without a thermocouple
+    beside = constant[[k - 1 for k in SENSORS]].mean()  # what all read too much looks like warmer surroundings
+    assert 0.5 < abs(constant[cell - 1] - beside) / (b * 2 / 3) < 1.3
+    assert identifier.doubts() == ()
+    for name in ("R_e", "R_c", "R_u"):
+        error, sd = off(identifier, name, pack[name])
+        assert abs(error) < 2.5 * sd
+        assert sd < 0.1
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_noise_is_raised_as_little_as_keeps_every_judged_number_within_its_limit(seed):
     """Against least squares written out: data y = X b weighted by 1/f², a Gaussian known before, its minimiser."""
