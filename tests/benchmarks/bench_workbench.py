@@ -1,4 +1,4 @@
-"""Workbench: times to the first picture and of a zoom, of one hour and of ten, and what the live page costs.
+"""Workbench: first picture, zoom of one hour and of ten, the bar of a long diagnosis, what the live page costs.
 
 `python -m tests.benchmarks.bench_workbench`. The browser is real; the live bus is a socket pair under the real port,
 fed by another process, in its own time.
@@ -26,6 +26,7 @@ from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.service.live import Gateway
+from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.live_estimates import Watch
 from bms_gateway.workbench.server import Server
 from bms_gateway.workbench.site import Site
@@ -115,6 +116,28 @@ def ten_hours(driver: Driver, folder: Path) -> tuple[list[float], list[float], l
     return zooms, parts, rows
 
 
+def still(folder: Path) -> tuple[float, float]:
+    """Longest time for which the bar of a diagnosis of sixty cells does not move, and the whole time, s."""
+    written(folder, 60, 1500)
+    desk = Desk("bench")
+    try:
+        desk.open({"tables": [str(folder / "drive.csv")], "model": str(folder / "pack.toml"), "columns": []})
+        while desk.state()["job"]:
+            time.sleep(0.1)
+        desk.diagnose()
+        began = moved = time.monotonic()
+        longest, share = 0.0, -1.0
+        while job := desk.state()["job"]:
+            if job["share"] != share:
+                share, longest, moved = job["share"], max(longest, time.monotonic() - moved), time.monotonic()
+            time.sleep(0.05)
+        if problem := desk.state()["error"]:
+            raise RuntimeError(problem)
+        return max(longest, time.monotonic() - moved), time.monotonic() - began
+    finally:
+        desk.close()
+
+
 def feed(sock: socket.socket, seconds: float) -> None:
     """Send a pack's traffic with its own timing."""
     frames = traffic(seconds + 5.0)
@@ -177,6 +200,10 @@ def main() -> None:
     with_page, shown = live(True)
     print(f"live, 60 cells: {bare:.1f} % of a core without a page, {with_page:.1f} % with one; {shown:.2f} pictures/s")
     result["live"] = {"bare_pct": bare, "with_page_pct": with_page, "pictures_per_s": shown}
+    with tempfile.TemporaryDirectory() as folder:
+        longest, whole = still(Path(folder))
+    print(f"diagnosis of sixty cells, 25 min: the bar stands for {longest:.1f} s of {whole:.0f} s at most", flush=True)
+    result["bar_stands_s"], result["bar_s"] = longest, whole
     if why := why_none():
         print(f"first picture: {why}")
     else:
