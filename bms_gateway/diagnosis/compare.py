@@ -22,7 +22,7 @@ from bms_gateway.diagnosis.findings import (
     stream_sentences,
     tie_sentences,
 )
-from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
+from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, levels, series
 from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
 from bms_gateway.diagnosis.prepare import joined, measured
@@ -142,7 +142,7 @@ def _variant(
     y, sigma, _, _, used = stacked(fit.problem)
     error = y - fit.y
     blocks = blocks_of(fit)
-    trained, held, over_all = level(error, sigma, used), level(error, sigma, ~used), structure(fit)
+    trained, held = levels(error, sigma, used)
     weight = {s.cell: s.share for s in sensors}
     names = ["always", *FEATURES]
     totals = {k: sum(weight[s.cell] * r.share for s in sensors for r in s.regimes if r.feature == k) for k in names}
@@ -156,7 +156,7 @@ def _variant(
         fit,
         trained,
         held,
-        over_all,
+        structure(fit),
         sensors,
         blocks,
         explained,

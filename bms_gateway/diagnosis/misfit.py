@@ -49,7 +49,8 @@ class Level:
     rmse_K : float
         NaN without a reading.
     floor_K : float
-        Error that noise and rounding alone would cause.
+        Error that noise and rounding alone would cause: of fitted and held-out readings together, so that a record has
+        one noise.
     """
 
     readings: int
@@ -154,12 +155,15 @@ class Sensor:
         return structured or self.held.ratio > HELD_RATIO
 
 
-def level(error: Floats, sigma: Floats, rows: NDArray[np.bool_]) -> Level:
-    """Errors of some readings."""
-    n = int(rows.sum())
-    if not n:
-        return Level(0, float("nan"), float("nan"))
-    return Level(n, float(np.sqrt(np.mean(error[rows] ** 2))), float(np.sqrt(np.mean(sigma[rows] ** 2))))
+def levels(error: Floats, sigma: Floats, used: NDArray[np.bool_]) -> tuple[Level, Level]:
+    """Errors of the fitted and of the held-out readings among some, with one noise: that of all of them."""
+    floor = float(np.sqrt(np.mean(sigma**2)))
+
+    def of(rows: NDArray[np.bool_]) -> Level:
+        n = int(rows.sum())
+        return Level(n, float(np.sqrt(np.mean(error[rows] ** 2))) if n else float("nan"), floor)
+
+    return of(used), of(~used)
 
 
 def series(fit: MapFit) -> tuple[Series, ...]:
@@ -203,8 +207,7 @@ def sensors(fit: MapFit) -> tuple[Sensor, ...]:
         found.append(
             Sensor(
                 k,
-                level(error, sigma, mine & used),
-                level(error, sigma, mine & ~used),
+                *levels(error[mine], sigma[mine], used[mine]),
                 s.size * in_K,
                 float(s.z),
                 own / total,

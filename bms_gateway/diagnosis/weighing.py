@@ -236,7 +236,8 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
         Number of effects that this search has added before.
     """
     held = within(current)
-    floor = float(np.mean(stacked(current.problem)[1][held] ** 2)) + s.left_open**2
+    sigma = stacked(current.problem)[1]
+    floor = float(np.mean(sigma[held] ** 2)) + s.left_open**2
     before, after = rmse(current, held), rmse(fit, held)
     gain = log_density(fit, held) - log_density(current, held)
     excess = max(before**2 - floor, 0.0)
@@ -246,8 +247,9 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     if gain < _needed(current, fit, odds, s, number) * inflation:
         return "worse on the held-out blocks" if number == 0 else "no better on the held-out blocks"
     if after**2 - floor > max(s.relief * excess, s.excess * floor):
-        noise = "noise, and what the current between rows leaves open:" if s.left_open > 0.0 else "noise"
-        return f"however closely fitted, it leaves a held-out error of {after:.3g} K ({noise} {np.sqrt(floor):.3g} K)"
+        noise = f"noise {np.sqrt(np.mean(sigma**2)):.3g} K"
+        noise += f", and {s.left_open:.3g} K that the current between rows leaves open" if s.left_open > 0.0 else ""
+        return f"however closely fitted, it leaves a held-out error of {after:.3g} K ({noise})"
     return ""
 
 

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from bms_gateway.engine.input_news import Fault
 from bms_gateway.engine.inputs import Inputs
-from bms_gateway.engine.plan import Channel
-from bms_gateway.engine.reasons import REASONS, WRONG_SIGN
+from bms_gateway.engine.reasons import HELD, WRONG_SIGN
 from bms_gateway.engine.string_estimator import StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.vocabulary import OPTIONAL
@@ -69,27 +69,30 @@ def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
             yield Condition("unproven", Severity.WARNING, unproven(s.doubts), name, settled=True)
 
 
-def _sensors(faults: Sequence[tuple[str, Channel, Quality]]) -> Iterator[Condition]:
+def _sensors(faults: Sequence[Fault]) -> Iterator[Condition]:
     """Make one condition per string and quantity, for any number of cells: one fault may show in several ways."""
-    found: dict[tuple[str, str], dict[Quality, list[Channel]]] = {}
-    for string, channel, quality in faults:
-        found.setdefault((string, channel.quantity), {}).setdefault(quality, []).append(channel)
-    for (string, quantity), of_quality in found.items():
-        clauses = [_fault(quantity, quality, channels) for quality, channels in of_quality.items()]
-        at = [c.cell for channels in of_quality.values() for c in channels]
+    found: dict[tuple[str, str], dict[str, list[Fault]]] = {}
+    for f in faults:
+        found.setdefault((f.string, f.channel.quantity), {}).setdefault(f.why, []).append(f)
+    for (string, quantity), ways in found.items():
+        clauses = [_fault(quantity, alike) for alike in ways.values()]
+        at = [f.channel.cell for alike in ways.values() for f in alike]
         severity = Severity.ALARM if quantity == "current" else Severity.WARNING
         one = at[0] if len(at) == 1 else None
         minor = quantity in OPTIONAL
         yield Condition("sensor", severity, "; ".join(clauses), string, one, part=quantity, minor=minor)
 
 
-def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
-    at = [c.cell for c in channels if c.cell is not None]
+def _fault(quantity: str, alike: Sequence[Fault]) -> str:
+    first = alike[0]
+    at = [f.channel.cell for f in alike if f.channel.cell is not None]
     what = quantity.replace("_", " ") + (f" of {cells(at)}" if at else "")
-    remedy = REMEDIES[quality]
-    if quality is Quality.STUCK and quantity == "surface":
+    remedy = REMEDIES[first.quality]
+    if first.quality is Quality.STUCK and quantity == "surface":
         remedy = "check that the thermocouple is fixed to its cell, and check its amplifier"
-    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {remedy}"
+    elif first.why == HELD:
+        remedy = "check that it is fixed to its cell, and check its wire and plug"
+    return f"{what} not used: {first.why} ({first.channel.signal}): {remedy}"
 
 
 def contradicted(s: StringEstimator) -> list[int]:

@@ -27,10 +27,11 @@ from bms_gateway.engine.alerting import Alerting
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Decoded, Event, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.input_news import Fault
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.jobs import Jobs
 from bms_gateway.engine.judgement import judged
-from bms_gateway.engine.plan import Channel, Plan
+from bms_gateway.engine.plan import Plan
 from bms_gateway.engine.plausible import fitting
 from bms_gateway.engine.readings import Readings
 from bms_gateway.engine.samples import Samples
@@ -167,8 +168,8 @@ class Engine:
         return self.inputs.unheard()
 
     @property
-    def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """Inputs that are not good now: the string that first names each, its channel, its quality."""
+    def faults(self) -> list[Fault]:
+        """Inputs that came and are not good now."""
         return self.inputs.faults()
 
     @property

@@ -1,13 +1,14 @@
 """Changes of the inputs: which have become good, are no longer good, are wrong, or never came."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.plan import Channel
-from bms_gateway.engine.reasons import CURRENT_STANDS, REASONS, RIGHT_SIGN, WRONG_SIGN
+from bms_gateway.engine.reasons import CURRENT_STANDS, HELD, REASONS, RIGHT_SIGN, WRONG_SIGN
 from bms_gateway.engine.wiring import Wiring
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.quality import Quality
@@ -15,6 +16,25 @@ from bms_gateway.frames.quality import Quality
 UNHEARD_NS = 10_000_000_000
 """Least time after which an input counts as missed: longest period of most messages of a battery."""
 GOOD = int(Quality.GOOD)  # comparing with a member of an enumeration takes numpy many times longer
+
+
+class Fault(NamedTuple):
+    """An input that came and is not good now.
+
+    Attributes
+    ----------
+    string : str
+        The first string with it.
+    channel : Channel
+    quality : Quality
+    why : str
+        In words.
+    """
+
+    string: str
+    channel: Channel
+    quality: Quality
+    why: str
 
 
 class InputNews:
@@ -32,6 +52,8 @@ class InputNews:
     ----------
     quality : ndarray of uint8 (C,)
         Present `Quality` of each input.
+    held : ndarray of bool (C,)
+        Whether each has jumped down and not come back.
     heard : ndarray of bool (C,)
         Whether a sample of each ever came.
     waited_ns : int
@@ -45,6 +67,7 @@ class InputNews:
         self.waited_ns = 0
         self.quality: NDArray[np.uint8] = np.full(len(wiring.channels), Quality.NEVER, np.uint8)
         self._told = self.quality.copy()
+        self.held = np.zeros(len(wiring.channels), np.bool_)
         self.heard = np.zeros(len(wiring.channels), np.bool_)
         self._reversed: set[int] = set()
 
@@ -82,7 +105,7 @@ class InputNews:
         what = c.quantity.replace("_", " ") + (f" of cell {cell}" if cell is not None else "")
         if now == Quality.GOOD:
             return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell, c.quantity)
-        why = REASONS[now]
+        why = self._why(i)
         if c.quantity == "current" and now == Quality.STUCK:
             stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
             why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
@@ -92,11 +115,17 @@ class InputNews:
         """List the currents that a voltage checks: the first string with each, its channel, the comparison."""
         return [(self._wiring.names[i][0], self._wiring.channels[i], meter) for (i, _), meter in self._meters.items()]
 
-    def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """List inputs that came and are not good now: the first string with each, its channel, its quality."""
+    def faults(self) -> list[Fault]:
+        """List inputs that came and are not good now."""
         wiring = self._wiring
         bad = set(np.flatnonzero((self.quality != GOOD) & (self.quality != Quality.NEVER)).tolist()) - wiring.spare
-        return [(wiring.names[i][0], wiring.channels[i], Quality(int(self.quality[i]))) for i in sorted(bad)]
+        return [
+            Fault(wiring.names[i][0], wiring.channels[i], Quality(int(self.quality[i])), self._why(i))
+            for i in sorted(bad)
+        ]
+
+    def _why(self, i: int) -> str:
+        return HELD if self.held[i] else REASONS[Quality(int(self.quality[i]))]
 
     def unheard(self) -> dict[str, str]:
         """List the inputs without any sample, by string, as text."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.engine.current import Means
 from bms_gateway.engine.events import Notice
-from bms_gateway.engine.input_news import InputNews
+from bms_gateway.engine.input_news import Fault, InputNews
 from bms_gateway.engine.integrals import Integrals
 from bms_gateway.engine.places import Places
 from bms_gateway.engine.plan import Channel, Plan
@@ -150,7 +150,7 @@ class Inputs:
             if count := int(np.searchsorted(stamps, t1)):
                 self._reject(reason, count)
                 self._passed_over[reason] = stamps[count:]
-        self._news.quality = g.channel_quality
+        self._news.quality, self._news.held = g.channel_quality, g.held
         means, cells = self._integrals.update(samples, g.quality, g.channel_quality, t0, t1)
         if self._integrals.refused:
             self._reject(Quality.STUCK.name.lower(), self._integrals.refused)
@@ -232,8 +232,8 @@ class Inputs:
         """Return the comparison of a string's current with its voltage; None if it lacks one of them."""
         return self._integrals.meters.get((wire.current, wire.voltage))
 
-    def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """List inputs that came and are not good now: the first string with each, its channel, its quality."""
+    def faults(self) -> list[Fault]:
+        """List inputs that came and are not good now."""
         return self._news.faults()
 
     def unheard(self) -> dict[str, str]:

@@ -13,11 +13,12 @@ REASONS: Final[Mapping[Quality, str]] = {
     Quality.STUCK: "it stands still while current flows",
     Quality.OPEN: "at its upper rail, as a broken wire reads",
     Quality.SHORT: "at its lower rail, as a short circuit or a missing sensor reads",
-    Quality.JUMPY: "it jumps faster than a cell can",
+    Quality.JUMPY: "it has jumped faster than a cell can",
     Quality.COUNTER: "the alive counter of its frame is wrong",
     Quality.CRC: "the check sum of its frame is wrong",
     Quality.NEVER: "the sensor has not moved yet",
 }
+HELD: Final = "it has jumped down beside its neighbours and not come back"
 UNKNOWN_MUX, REPEATED = "unknown_multiplexer", "repeated"
 COUNTED: Final[Mapping[str, str]] = {q.name.lower(): text for q, text in REASONS.items()} | {
     UNKNOWN_MUX: "the DBC does not know the multiplexer value of the frame",

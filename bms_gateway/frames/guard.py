@@ -80,6 +80,8 @@ class GuardResult:
         Of each channel at the end of the interval.
     rejected : ndarray of int64 (C, 16)
         Samples of this interval by `Quality`, the column of GOOD being zero.
+    held : ndarray of bool (C,)
+        Channels that are JUMPY because they have jumped down and not come back (`stepped`).
     """
 
     quality: NDArray[np.uint8]
@@ -87,6 +89,7 @@ class GuardResult:
     time_ns: NDArray[np.int64]
     channel_quality: NDArray[np.uint8]
     rejected: NDArray[np.int64]
+    held: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,9 +293,11 @@ class Guard:
         self._value[channel[good]] = value[good]
         self._value_ns[channel[good]] = time_ns[good]
         rejected = np.bincount(channel[~good] * QUALITIES + quality[~good], minlength=n * QUALITIES)
-        return GuardResult(
-            quality, self._value.copy(), self._value_ns.copy(), self._channels(t1_ns), rejected.reshape(n, QUALITIES)
-        )
+        now, held = self._channels(t1_ns), np.zeros(n, np.bool_)
+        held[self._channel] = self._stepped.held
+        held &= now == JUMPY
+        counts = rejected.reshape(n, QUALITIES)
+        return GuardResult(quality, self._value.copy(), self._value_ns.copy(), now, counts, held)
 
     def _judge(
         self,

@@ -77,6 +77,8 @@ class Stepped:
     ----------
     some : bool
         Whether any channel has jumped and is not back yet.
+    held : ndarray of bool (m,)
+        Whether the last sample of each channel was held.
     """
 
     def __init__(self, group: Index, jump: Floats) -> None:
@@ -86,7 +88,7 @@ class Stepped:
         self._until_ns, self._back_ns = np.zeros((2, m), np.int64)
         self._low, self._moved, self._first = np.zeros(m, np.bool_), np.zeros(m, np.bool_), np.full(m, np.nan)
         self._level, self._counts = np.full(m, np.nan), np.zeros(m, np.bool_)
-        self.some = False
+        self.some, self.held = False, np.zeros(m, np.bool_)
 
     def begin(self, level: Floats, believed: Bools) -> None:
         """Begin an interval with the last usable values (m,), NaN for none, and which channels (m,) are believed.
@@ -100,7 +102,10 @@ class Stepped:
         held = np.zeros(len(seen.value), np.bool_)
         for i, k in enumerate(self._number[c].tolist()):
             jumped = bool(seen.jumped[i])
-            if not seen.usable[i] or (not jumped and np.isnan(self._was[k])):
+            if not seen.usable[i]:
+                continue
+            self.held[k] = False
+            if not jumped and np.isnan(self._was[k]):
                 continue
             now, middle = int(seen.time_ns[i]), self._middle(k)
             if jumped:
@@ -111,7 +116,7 @@ class Stepped:
                 self._first[k], self._moved[k] = seen.value[i], False
             else:
                 self._moved[k] |= seen.value[i] != self._first[k]
-                held[i] = self._reads_less(k, now, seen.value[i] - middle - self._was[k])
+                self.held[k] = held[i] = self._reads_less(k, now, seen.value[i] - middle - self._was[k])
         self.some = not bool(np.isnan(self._was).all())
         return held
 

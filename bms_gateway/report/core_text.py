@@ -1,16 +1,17 @@
 """Uncertainty of the cores, as a number and in words: always the same for one model and the same records."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from bms_gateway.diagnosis.core_band import BAND_SD
+from bms_gateway.diagnosis.core_band import BAND_SD, posterior
 from bms_gateway.diagnosis.core_check import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.error_words import half_width
 from bms_gateway.diagnosis.together import cells_in_words
 from bms_gateway.frames.quality import AVAILABLE_SD_K
+from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.show import number
 from bms_gateway.report.words import in_words, parameters_labelled
 
@@ -33,6 +34,9 @@ CARRIED = (
     "file and begin again, or calibrate with a thermocouple in a core."
 )
 """Remark on a core that stays unknown because its band is carried over (`KnownCore.carried`)."""
+RESISTS: Final = "; an electrical resistance also changes with the temperature of its core"
+WIDER: Final = 1.01
+"""Posterior sd over prior sd from which a number is told to be wider than known before."""
 UNKNOWN_K = BAND_SD * AVAILABLE_SD_K
 """Half width of a 95 % band, K, beyond which a core is not given: the gateway sends such a core as not available."""
 
@@ -95,13 +99,31 @@ def rests_on(unseen: Sequence[int], unlike: float) -> str:
 def numbers_remark(core: KnownCore) -> str:
     """State the value of the numbers of a model that lacks something; empty without doubt about them."""
     if core.numbers_doubted:
-        return DOUBTFUL_NUMBERS
-    if error_K := core.identified.model_error_K:
-        return (
+        said = DOUBTFUL_NUMBERS
+    elif error_K := core.identified.model_error_K:
+        said = (
             f"The model was given an error of its own, {error_K:.2g} K over minutes: its numbers and their sd "
             "allow for what it lacks, as far as a surface can tell."
         )
-    return ""
+    else:
+        said = ""
+    return f"{said} {wider_than_known(core.identified.fit)}".strip()
+
+
+def wider_than_known(fit: MapFit) -> str:
+    """Name the numbers that a fit leaves wider than they were known before, and why that is; empty without any."""
+    sd = np.sqrt(np.diag(posterior(fit)))
+    wide = [
+        c.name
+        for c, z in zip(fit.problem.coordinates, sd[: len(fit.problem.coordinates)].tolist(), strict=True)
+        if not c.only_start and z > WIDER * c.sd
+    ]
+    if not wide:
+        return ""
+    these = ", ".join(wide[:-1]) + (" and " if wide[1:] else "") + wide[-1]
+    said = "it, and it may" if len(wide) == 1 else "them, and they may"
+    also = RESISTS if "R_e" in wide else ""
+    return f"Wider than known before: {these}. These readings do not settle {said} have changed since then{also}."
 
 
 def file_heading(said: str, core: KnownCore) -> str:

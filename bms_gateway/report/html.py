@@ -318,7 +318,11 @@ def numbers_html(fit: MapFit, core: KnownCore | None, *, narrow: bool = False) -
     if core is None:
         return parameters_table(fit, narrow=narrow)
     remark = numbers_remark(core)
-    said = f'<p class="{"alarm" if core.numbers_doubted else "muted"}">{escape(remark)}</p>' if remark else ""
+    said = (
+        f'<p class="{"alarm" if core.numbers_doubted else "muted"}">{escape(parameters_labelled(remark))}</p>'
+        if remark
+        else ""
+    )
     return said + parameters_table(fit, doubted=core.numbers_doubted, narrow=narrow)
 
 

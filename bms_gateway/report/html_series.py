@@ -9,7 +9,7 @@ import numpy as np
 from bms_gateway.diagnosis.compare import Variant
 from bms_gateway.diagnosis.core_band import CoreBand, core_bands, half_width_K
 from bms_gateway.diagnosis.grid import bridged
-from bms_gateway.diagnosis.misfit import Level, Sensor, level, nearest, sensors
+from bms_gateway.diagnosis.misfit import Level, Sensor, levels, nearest, sensors
 from bms_gateway.diagnosis.regimes import instants_of, seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -57,7 +57,7 @@ class Shown:
     def levels(self) -> tuple[Level, Level]:
         """Errors of all sensors together: fitted readings, held-out readings."""
         y, sigma, _, _, used = stacked(self.fit.problem)
-        return level(y - self.fit.y, sigma, used), level(y - self.fit.y, sigma, ~used)
+        return levels(y - self.fit.y, sigma, used)
 
     @property
     def worst_core(self) -> tuple[float, int]:

@@ -196,7 +196,7 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     yield _of_strings("unexplained_heat_cell", "Cell with the greatest unexplained heat, from 1.", cells)
     yield from _ahead(strings)
     faults = {s.plan.name: 0.0 for s in strings}
-    for name, _, _ in engine.faults:
+    for name, *_ in engine.faults:
         faults[name] += 1.0
     yield _of_strings("inputs_faulty", "Inputs received but not usable now.", faults)
     health = {s.plan.name: s.health for s in strings}

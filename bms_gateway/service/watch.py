@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from bms_gateway.bus.port import Link
 from bms_gateway.engine.forecast_result import Forecast
-from bms_gateway.engine.plan import Channel
+from bms_gateway.engine.input_news import Fault
 from bms_gateway.errors import counted
-from bms_gateway.frames.quality import Quality
 from bms_gateway.health import StringHealth
 from bms_gateway.health.alerts import Alerts, AlertSettings, Change, Condition, Severity, no_longer
 from bms_gateway.service.journal import NOTICE
@@ -123,7 +122,7 @@ class WatchedEngine(Protocol):
         ...
 
     @property
-    def faults(self) -> Sequence[tuple[str, Channel, Quality]]:
+    def faults(self) -> Sequence[Fault]:
         """Inputs that are not good."""
         ...
 

@@ -10,14 +10,17 @@ import numpy as np
 
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.core_text import wider_than_known
 from bms_gateway.report.html_correlation import shown
 from bms_gateway.report.html_tables import called, shown_as
+from bms_gateway.report.words import in_words, parameters_labelled
 
 
 def known(fit: MapFit) -> dict[str, Any]:
     """Return each number of a fit except the starts, with its prior, and the covariance of all.
 
-    A number is `scale` times its coordinate, or times its exponential if `log` is set.
+    A number is `scale` times its coordinate, or times its exponential if `log` is set. `wider` names those that the fit
+    leaves wider than they were known before, and says why.
     """
     at = shown(fit)
     numbers = []
@@ -35,7 +38,8 @@ def known(fit: MapFit) -> dict[str, Any]:
                 "before": [_short(c.prior), _short(c.sd)],
             }
         )
-    return {"numbers": numbers, "covariance": [list(map(_short, row)) for row in posterior(fit)[np.ix_(at, at)]]}
+    covariance = [list(map(_short, row)) for row in posterior(fit)[np.ix_(at, at)]]
+    return {"numbers": numbers, "covariance": covariance, "wider": in_words(parameters_labelled(wider_than_known(fit)))}
 
 
 def _short(x: float) -> float:

@@ -94,9 +94,7 @@ class KeptTicks:
         return self._ticks[max(bisect_right(self.times_ns, time_ns) - 1, 0)]
 
     def back(self, time_ns: int, span_s: float) -> list[Tick]:
-        """Return the ticks of the last `span_s` before a time; 0: all ticks before it."""
-        if not self._ticks:
-            return []
-        until = max(bisect_right(self.times_ns, time_ns), 1)
+        """Return the ticks of the last `span_s` before a time; 0: all ticks before it. There may be none."""
+        until = bisect_right(self.times_ns, time_ns)
         begin = bisect_left(self.times_ns, time_ns - int(span_s * 1e9)) if span_s > 0.0 else 0
-        return self._ticks[min(begin, until - 1) : until]
+        return self._ticks[begin:until]

@@ -353,7 +353,7 @@ class Watch:
             until_ns, length_s = self._stretch(name, span_s, ends)
             ticks = self.ticks.back(until_ns, length_s)
         if not ticks:
-            raise UsageError("window: nothing has been heard yet")
+            raise UsageError("window: there are no estimates in this stretch")
         first_ns = ticks[0].time_ns
         if first_ns == self.ticks.first_ns:
             began_ns = first_ns - self._engine.plan.tick_ns
@@ -370,7 +370,7 @@ class Watch:
         if ends is not None:
             return of_ends(ends)
         at = self._view(name).at_ns
-        return self.ticks.last_ns if at is None else int(at), span_s
+        return self.ticks.last_ns if at is None else max(int(at), self.ticks.first_ns), span_s
 
     def _age_s(self) -> float:
         """Time since the newest tick, s; it grows while a live bus is silent."""

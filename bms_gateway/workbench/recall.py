@@ -28,6 +28,10 @@ LEFT_OUT = {
 }
 
 
+NOT_YET: Document = {"proven": False, "sd_K": None, "centre_sd_K": None, "why": [], "rests_on": None, "sentence": ""}
+"""Of the cores until they are computed here: a file can be changed by anybody."""
+
+
 def digests(records: Sequence[Record], model: StringModel) -> dict[str, str]:
     """Return digests of the records and of the model, by which their diagnoses are recognised.
 
@@ -100,4 +104,4 @@ def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str,
 
 def _whole(said: Mapping[str, Any]) -> Document:
     ranking = [{**r, "effects": [effect(key) for key in r["effects"]], "drawn": False} for r in said["ranking"]]
-    return {**said, "ranking": ranking, "recalled": True}
+    return {**said, "core": NOT_YET, "ranking": ranking, "recalled": True}

@@ -1,7 +1,8 @@
 """The steps of a session, from the model in its file to the newest one, as all parts of the page name them.
 
 Doubt goes with a step: whether its cores are proven, and whether something unknown remains. A diagnosis that leaves
-something open casts doubt on its own model and on all later ones, until a later model is diagnosed.
+something open casts doubt on its own model and on all later ones, until a later model is diagnosed. One that is only
+read from a session file adds doubt and takes none away, because anybody can change the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,10 @@ SERIES = ".series-"
 TABLES: Final = ("errors", "parameters", "correlations", "thermocouples")
 """HTML of a comparison that is shown with its step; the two steps of the first model share it."""
 REMAINS = "Something unknown remains"
+UNSETTLED: Final = (
+    "Something unknown may remain: that the diagnosis of the model “{}” left nothing open is said by the session file "
+    "alone. Diagnose again."
+)
 
 
 @dataclass(slots=True)
@@ -163,13 +168,19 @@ def remains(frames: list[Frame]) -> str:
 
     A model file carries the second with it, also to those who open it later.
     """
-    last = next((f for f in reversed(frames) if f.diagnosed is not None), None)
-    if last is not None and last.diagnosed is not None and last.diagnosed["remains"]:
-        return f"{REMAINS}: the diagnosis of the model “{last.label}” leaves structure that no effect explains."
+    settled_by_file = ""
+    for f in reversed(frames):
+        if f.diagnosed is None:
+            continue
+        if f.diagnosed["remains"]:
+            return f"{REMAINS}: the diagnosis of the model “{f.label}” leaves structure that no effect explains."
+        if not f.diagnosed.get("recalled"):
+            break
+        settled_by_file = settled_by_file or f.label
     core = _core(frames[-1])
     if core and UNKNOWN in core["why"]:
         return f"{REMAINS}: the addition to this model left structure that no effect explains."
-    return ""
+    return UNSETTLED.format(settled_by_file) if settled_by_file else ""
 
 
 def doubt_lines(frames: list[Frame]) -> list[str]:

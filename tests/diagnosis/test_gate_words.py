@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.weighing import Settings, gate
 
 @pytest.mark.parametrize(
     ("left_open", "told"),
-    [(0.0, "(noise 0.09 K)"), (0.12, "(noise, and what the current between rows leaves open: 0.15 K)")],
+    [(0.0, "(noise 0.09 K)"), (0.12, "(noise 0.09 K, and 0.12 K that the current between rows leaves open)")],
 )
 def test_what_rows_leave_open_is_not_called_noise(monkeypatch, left_open, told):
     # Bug: of one record of 60 rows, "noise alone 0.0904 K" here and "(noise 0.116 K)" there.

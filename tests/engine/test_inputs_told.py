@@ -88,7 +88,7 @@ def test_what_is_only_recorded_is_told_to_nobody() -> None:
     made = News()
     made.quality[[made.charge, made.wires[0].current]] = Quality.STALE
     assert [n.text.split(" is ")[0] for n in made.changes(9)] == ["current"]
-    assert [c.quantity for _, c, _ in made.faults()] == ["current"]
+    assert [c.quantity for _, c, *_ in made.faults()] == ["current"]
     assert own_signal(1, "soc") not in made.unheard()["string_1"].split(", ")
     assert len(made.unheard()["string_1"].split(", ")) == 6
 
@@ -99,7 +99,7 @@ def test_faults_are_inputs_that_were_good_once_in_their_order() -> None:
     made.quality[one.current] = Quality.NEVER
     made.quality[two.surface[1]] = Quality.OPEN
     made.quality[one.voltage] = Quality.STALE
-    assert [(name, c.quantity, c.cell, q) for name, c, q in made.faults()] == [
+    assert [(name, c.quantity, c.cell, q) for name, c, q, _ in made.faults()] == [
         ("string_1", "voltage", None, Quality.STALE),
         ("string_2", "surface", 2, Quality.OPEN),
     ]
@@ -178,7 +178,7 @@ def test_values_at_which_a_current_stands_are_turned_away_and_others_believed(mo
     assert made.rejected["stuck"] == 6
     assert np.isnan(first.means[0, 1])  # what is left covers less than half of it
     assert second.means[0, :2] == pytest.approx([40.0, 40.0])
-    assert ("string_1", "current", Quality.STUCK) in [(name, c.quantity, q) for name, c, q in made.faults()]
+    assert ("string_1", "current", Quality.STUCK) in [(name, c.quantity, q) for name, c, q, _ in made.faults()]
     assert updates[0] == (
         pytest.approx([20.0] * 3 + [30.0] * 3 + [40.0] * 4),
         pytest.approx([volts(k / 10) for k in range(10)]),
@@ -221,7 +221,7 @@ def test_a_tick_without_anything_new_turns_nothing_away() -> None:
 def test_what_the_guard_says_of_an_input_is_told() -> None:
     made = Inputs(strings(), database())
     ticks(made, put(60, silent=20.0), 60)
-    assert [(name, c.quantity, q) for name, c, q in made.faults()] == [
+    assert [(name, c.quantity, q) for name, c, q, _ in made.faults()] == [
         ("string_1", "coolant_flow", Quality.NOT_AVAILABLE),  # the frame still comes, for the inlet
         ("string_2", "surface", Quality.STALE),
         ("string_3", "soc", Quality.STALE),

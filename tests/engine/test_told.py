@@ -64,7 +64,8 @@ def test_a_current_that_stands_while_the_voltage_moves_is_refused_told_and_belie
 def test_while_it_is_refused_it_is_among_the_faults() -> None:
     engine = Engine(with_channels(VOLTAGE), database())
     list(drive(engine, [said(50, current=lambda t: 20.0 if t >= 20 else drawn(t))]))
-    assert [(name, c.quantity, q) for name, c, q in engine.faults] == [("string_1", "current", Quality.STUCK)]
+    (fault,) = engine.faults
+    assert (fault.string, fault.channel.quantity, fault.quality) == ("string_1", "current", Quality.STUCK)
 
 
 def test_a_current_of_the_wrong_sign_is_told_and_taken_back() -> None:
@@ -258,7 +259,7 @@ def test_nobody_is_told_of_what_is_only_recorded() -> None:
     for wanted in ((), (Channel("soc", None, own_signal(1, "soc")),)):
         engine = Engine(with_channels(*wanted), database())
         events = notices(list(drive(engine, [frames])), "sensor")
-        told[len(wanted)] = events, [c.quantity for _, c, _ in engine.faults]
+        told[len(wanted)] = events, [f.channel.quantity for f in engine.faults]
     assert told[0] == told[1]
     assert told[0][1] == ["coolant_inlet"]
     assert [text.split(" is ")[0] for _, _, text in told[0][0]] == ["coolant inlet"]

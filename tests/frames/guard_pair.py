@@ -37,4 +37,6 @@ class Both:
         assert told.time_ns.tolist() == [c.value_ns for c in channels]
         assert told.channel_quality.tolist() == [self.plain.quality_at(c, t1_ns) for c in range(len(channels))]
         assert told.rejected.tolist() == [[c.rejected.get(q, 0) for q in range(16)] for c in channels]
+        held = [c.waits and self.plain.quality_at(k, t1_ns) == Quality.JUMPY for k, c in enumerate(channels)]
+        assert told.held.tolist() == held
         return expected

@@ -57,6 +57,7 @@ class Channel:
     was: float = math.nan
     near: float = math.nan
     low: bool = False
+    waits: bool = False
     landed: float = math.nan
     moved: bool = False
     jumped_ns: int = 0
@@ -169,6 +170,7 @@ class PlainGuard:
         astray, far, strays = self.beside(c, value, seconds) if usable and c.doubted else (False, False, False)
         jumped |= known and astray
         low = usable and self.reads_less(c, time_ns, value, jumped)
+        c.waits = low if usable else c.waits
         if usable:
             c.seen = True
             c.changed |= step > 0

@@ -334,6 +334,11 @@ window.fetch = async (url, how) => {
 };
 """
 """Three seconds of the past in which no hottest point is known."""
+LONG_EVENT = """
+const cells = document.querySelector('#events tbody tr').children;
+['2026-03-01 14:08:40', '12 ×', 'warning over', 'string_5'].forEach((text, k) => { cells[k + 1].textContent = text; });
+"""
+"""An alert that came again and is over: its words in one line are wider than a phone."""
 
 
 @pytest.mark.slow
@@ -459,6 +464,7 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         assert "looked at it" in page.run("return fetch('/api/happened').then(r => r.text())")
         signals = page.run("return fetch(document.querySelector('#export-signals').href).then(r => r.text())")
         assert signals.startswith("time_s,current_A,coolant_inlet_C,")
+        page.run(LONG_EVENT)
         for dark in (False, True):
             for width in (390, 1024, 1280, 1920):
                 page.cdp(

@@ -33,6 +33,29 @@ def test_what_a_diagnosis_leaves_open_stays_until_a_later_one_says_otherwise():
     assert remains([first, second, third]) == ""
 
 
+def test_what_a_session_file_says_takes_no_doubt_away():
+    # Bug: a file with `remains` changed to false was believed, and took away what an earlier diagnosis had left open.
+    first = frame("refitted", left=True, variants=("from its file", "refitted"))
+    second, third = frame("+ a"), frame("+ b")
+    second.diagnosed = {"remains": False, "recalled": True}
+    steps = steps_of([first, second, third])
+    assert all(
+        s["remains"].startswith("Something unknown remains: the diagnosis of the model “refitted”") for s in steps
+    )
+    first.diagnosed = {"remains": False, "recalled": True}
+    said = remains([first, second, third])
+    assert said.startswith(
+        "Something unknown may remain: that the diagnosis of the model “+ a” left nothing open is said"
+    )
+    assert said in doubt_lines([first, second, third])
+    third.compared["core"]["why"] = ["Something unknown remains beside what was added."]  # computed here
+    assert remains([first, second, third]).startswith("Something unknown remains: the addition")
+    first.diagnosed = {"remains": True, "recalled": True}  # doubt is taken from a file too
+    assert remains([first, second]).startswith("Something unknown remains: the diagnosis")
+    second.diagnosed = {"remains": False}  # made here
+    assert remains([first, second]) == ""
+
+
 def test_what_an_addition_left_open_is_said_by_those_who_open_its_file_later():
     first = frame("refitted", proven=False, variants=("from its file", "refitted"))
     first.compared["core"]["why"] = ["Something unknown remains beside what was added.", "Because."]

@@ -7,6 +7,7 @@ import pytest
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.recall import recalled
 from bms_gateway.workbench.session import additions_of, diagnoses_of
 from bms_gateway.workbench.site import Site, session_files
 from tests.support.desk_steps import done, files
@@ -88,6 +89,23 @@ def test_what_a_changed_file_says_of_the_cores_is_not_believed(diagnosed, pack):
     assert state["diagnosed"]["recalled"] is True
     assert state["diagnosed"]["core"] == before["diagnosed"]["core"]
     assert "All is well" not in json.dumps([state, written])
+    # nor that nothing remains
+    said = session["diagnosed"][0]["said"]
+    assert said["remains"]
+    session["diagnosed"][0]["said"] = {**said, "remains": False, "verdict": "adequate", "tag": "adequate"}
+    state, _ = resumed(json.dumps(session), files(pack))
+    assert state["diagnosed"]["recalled"] is True
+    assert all(s["remains"].startswith("Something unknown ") for s in state["steps"])
+
+
+def test_until_the_cores_are_computed_here_nothing_of_the_file_is_said_of_them():
+    # Bug: it stood on the page until the comparison had ended, and stayed where that was cancelled.
+    core = {"proven": True, "sd_K": 1e-3, "centre_sd_K": 1e-3, "why": [], "rests_on": None, "sentence": "All is well."}
+    kept = {"digest": {"records": "r", "model": "m"}, "astray": [], "diagnosed": [{"step": 0, "said": {"core": core}}]}
+    kept["diagnosed"][0]["said"]["ranking"] = []
+    found, why = recalled(kept, {"records": "r", "model": "m"})
+    assert why == ""
+    assert found["0"]["core"] == {**dict.fromkeys(core), "proven": False, "why": [], "sentence": ""}
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """The bar moves with the work, never back, and the parameters' correlation is that of the physics."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,27 @@ def test_the_bar_moves_between_steps_and_never_back(monkeypatch):
     assert shares[-1] < 1.0
     assert len([t for _, t in told if t.startswith("fitting")]) == pytest.approx(2000 * 0.05 / 0.25, rel=0.2)
     beat()  # nobody listens any more
+
+
+def test_the_bar_moves_through_steps_that_its_pieces_have_overtaken(monkeypatch):
+    # Bug: after the many short pieces of a screening, the bar of sixty cells stood for half a minute of refits.
+    now = [0.0]
+    monkeypatch.setattr("bms_gateway.workbench.moving.time.monotonic", lambda: now[0])
+    told = []
+    moving = Moving(lambda share, text: told.append((share, text)))
+    moving.step(0.0688, "screening")
+    for _ in range(457):
+        moving.beat()
+    for k in range(8):
+        moving.step(0.0811 + 0.007 * k, f"refitting {k}")
+        for _ in range(20):
+            now[0] += 0.2
+            moving.beat()
+    refits = [share for share, text in told if text.startswith("refitting")]
+    assert len(refits) == 8 * 11
+    assert all(after > before for (before, _), (after, text) in pairwise(told) if "trajector" in text)
+    assert refits[-1] > refits[0] + 0.02
+    assert refits[-1] < 0.0811 + 0.007 * 7 + 0.1
 
 
 def test_a_search_that_begins_anew_moves_the_bar_too_and_does_not_fill_it(monkeypatch):

@@ -80,6 +80,17 @@ def test_signals_and_estimates_of_a_stretch_have_one_clock_and_the_same_ends(wat
     assert (heard[0], heard[-1]) == pytest.approx(estimated, rel=0.0, abs=0.2)  # signals come ten times a second
 
 
+@pytest.mark.parametrize("ends", [(-90.0, -50.0), (300.0, 400.0)], ids=["before", "after"])
+def test_a_stretch_without_an_estimate_holds_none(watch, tmp_path, ends):
+    """It held the nearest one, which was not in it."""
+    first = json.loads(next(watch.stream("test")))["first_s"]
+    ends = tuple(first + x for x in ends)
+    assert watch.history("test", 1, 0.0, ends)["t"] == []
+    assert list(csv.DictReader(io.StringIO(b"".join(watch.table("test", 0.0, ends)).decode()))) == []
+    with pytest.raises(UsageError, match="no estimates in this stretch"):
+        signals(watch, "test", 1, 0.0, ends, tmp_path / "window.csv")
+
+
 def test_a_stretch_may_begin_within_the_first_second(watch, tmp_path):
     watch.steer("test", {"play": False, "seek": 120})
     first = json.loads(next(watch.stream("test")))["first_s"]
@@ -106,6 +117,12 @@ return [box.left + arguments[0] * box.width, box.top + box.height / 2];
 """
 SHOWN = "const p = document.querySelector('#past'); return Number(p.dataset.points)"
 ENDS = "return ['from', 'to'].map(k => Number(document.querySelector('#past-' + k).dataset.s))"
+
+OFF = """
+const links = ['#export', '#export-signals'].map(id => document.querySelector(id));
+return [...links.map(a => !a.href && a.getAttribute('aria-disabled') === 'true'),
+  document.querySelector('#diagnose-window').disabled];
+"""
 
 
 def clock(s):
@@ -165,8 +182,27 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
                 page.run(write, "#past-to", text)
                 page.press("Enter")
                 assert page.text("#error-text") == "A date and a time such as 2026-03-01 14:05:00 are needed"
+        # what is refused is not exported, and nothing in its place: the links led to the stretch before it
+        assert page.run(OFF) == [True, True, True]
+        page.run(write, "#past-to", page.run("return document.querySelector('#past-to').dataset.told"))
+        page.press("Enter")
+        assert page.run(OFF) == [False, False, False]
+        assert page.text("#error-text") == ""
+        page.run(write, "#past-to", "soon")
+        page.press("Enter")
+        assert page.run(OFF) == [True, True, True]
         page.click("#dismiss")
         assert faults(page, axe) == []
+        for field, s in (("from", 300), ("to", 400)):  # after the end of the log
+            page.run(write, f"#past-{field}", page.run(local, first + s) if wall else clock(first + s))
+        page.press("Enter")
+        page.wait("return document.querySelector('#past').innerHTML.includes('No estimates in this stretch')")
+        assert page.run(OFF) == [True, True, True]
+        for field, s in (("from", 30), ("to", 90)):
+            page.run(write, f"#past-{field}", page.run(local, first + s) if wall else clock(first + s))
+        page.press("Enter")
+        page.wait(SHOWN + " === 61")
+        assert page.run(OFF) == [False, False, False]
         for width in (390, 1024, 1920):
             page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             page.wait("return document.documentElement.scrollWidth <= innerWidth")

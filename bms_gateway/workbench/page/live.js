@@ -218,13 +218,13 @@ function row(r, s, state) {
   put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${point(s.centre[s.hottest], s.centre_half[s.hottest])}${unknown.length ? `; not known: cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)}` : ""}`);
   const f = s.ahead, tight = f ? f.limiting - 1 : 0;
   put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min, limited by cell ${f.limiting}` : `; no current keeps every hottest point, with its band, below the limit of ${plain(limit)} °C for 10 min: cell ${f.limiting}, now ${point(s.centre[tight], s.centre_half[tight])}, ${s.centre[tight] >= limit ? "is over it" : "may be over it without a load"}`}` : "");
-  put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
+  put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${fixed(s.growth, 1)} % since commissioning`}` : "");
   const by = new Map();
   s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful" && !unknownCore(s, k)) by.set(w, [...(by.get(w) ?? []), k + 1]); });
   const bad = [...by].map(([w, k]) => (k.length > 1 ? `sensors ${counted(k)} are ${w}` : `sensor ${k[0]} is ${w}`));
   if (s.quality.some((_, k) => unknownCore(s, k))) bad.unshift(`${unknown.length > 1 ? "cores" : "core"} of cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)} not known`);
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
-  put(r.heat, s.heat ? `Heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
+  put(r.heat, s.heat ? `Heat that no current makes: ${fixed(s.heat[1], 2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
   const flags = s.flags.map((f) => f.replaceAll("_", " ").replace(/:(\d+)$/, " of cell $1"));
   const alerts = s.words.length ? [`${many(s.words.length, "alert")}, see above`] : [];
   put(r.words, sentence([...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; ")));

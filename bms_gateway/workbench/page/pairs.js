@@ -1,5 +1,5 @@
 // Contours of two parameters: where a fit leaves them, where they were known to be before, and how they hang together.
-import { $, el, ui, keep, amount } from "./util.js";
+import { $, el, ui, keep, amount, fixed } from "./util.js";
 
 const RADII = { 95: 2.4477, 68: 1.5096 }; // sd of a Gaussian of two numbers within which that share of it lies
 const POINTS = 121;
@@ -84,7 +84,7 @@ export function picture(steps, ticked, styleOf, again) {
     const low = Math.min(...ends[k]), high = Math.max(...ends[k]), middle = (low + high) / 2, half = Math.max(0.65 * (high - low), LEAST * Math.abs(middle));
     return { title: { text: k ? title(n).replace(" (", "<br>(") : title(n), standoff: 6 }, range: [middle - half, middle + half], gridcolor: "#e3e3e3", zeroline: false, linecolor: "#777777", showline: true, ticks: "outside", nticks: 6 };
   };
-  $("pair-told").textContent = `${top.name}: ${a.name} ${within(a, a.at, Math.sqrt(main.v[0]))}; ${b.name} ${within(b, b.at, Math.sqrt(main.v[2]))}; correlation ${main.r.toFixed(2).replace("-", "−")}${Math.abs(main.r) > 0.9 ? ": hardly known apart" : ""}. In brackets 95 %. Known before: ${within(a, ...before[0])}, ${within(b, ...before[1])}.`;
+  $("pair-told").textContent = `${top.name}: ${a.name} ${within(a, a.at, Math.sqrt(main.v[0]))}; ${b.name} ${within(b, b.at, Math.sqrt(main.v[2]))}; correlation ${fixed(main.r, 2)}${Math.abs(main.r) > 0.9 ? ": hardly known apart" : ""}. In brackets 95 %. Known before: ${within(a, ...before[0])}, ${within(b, ...before[1])}. ${known.wider}`;
   return { data, pair, layout: { height: 340, margin: { l: 84, r: 14, t: 34, b: 48 }, font: { family: "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", size: 12, color: "#1a1a1a" }, paper_bgcolor: "#ffffff", plot_bgcolor: "#ffffff",
     hovermode: "closest", legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom" }, xaxis: axis(a, 0), yaxis: axis(b, 1) } };
 }

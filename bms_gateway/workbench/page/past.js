@@ -16,6 +16,7 @@ const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"
 const DRAGGED_PX = 4; // less is a click
 let chosen = null; // start and end of a stretch that a person chose, s on the clock of the frames
 let about = null, fleet = "", view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
+let miswritten = false, barren = false; // the fields hold what is refused; the stretch that was asked for is refused or empty
 
 export function build(known, name, jump, grafana) {
   about = known; view = name; seek = jump; fleet = grafana;
@@ -39,12 +40,23 @@ export function build(known, name, jump, grafana) {
 
 // What is asked of the server for the stretch that is shown.
 const wanted = () => ({ view, span: chosen ? 0 : $("past-span").value, ...(chosen ? { from: chosen[0], to: chosen[1] } : {}) });
+// A stretch that is refused is not exported or diagnosed, and no other one in its place.
 const link = () => {
-  const string = $("past-string").value;
-  $("export").href = `/api/window?${new URLSearchParams(wanted())}`;
-  $("export-signals").href = `/api/signals?${new URLSearchParams({ desk: ui.desk, string, ...wanted() })}`;
+  const string = $("past-string").value, off = miswritten || barren;
+  const to = { export: `/api/window?${new URLSearchParams(wanted())}`, "export-signals": `/api/signals?${new URLSearchParams({ desk: ui.desk, string, ...wanted() })}` };
+  for (const [id, href] of Object.entries(to)) {
+    for (const [k, v] of Object.entries(off ? { role: "link", "aria-disabled": "true" } : { href })) $(id).setAttribute(k, v);
+    for (const k of off ? ["href"] : ["role", "aria-disabled"]) $(id).removeAttribute(k);
+  }
+  $("diagnose-window").disabled = off;
+  if (off) $("grafana").hidden = true;
 };
-const anew = () => { asked = 0; link(); if (latest) follow(latest); };
+const anew = () => {
+  if (miswritten) complain("");
+  miswritten = barren = false;
+  asked = 0; key = ""; link();
+  if (latest) follow(latest);
+};
 const seenEnds = () => (shown?.t.length > 1 ? [shown.first_s + shown.t[0], shown.first_s + shown.t.at(-1)] : null);
 
 function choose(from, to) {
@@ -76,6 +88,7 @@ function moment(text, beside) {
 }
 
 function fields() {
+  if (miswritten) return; // what was written stays until it is put right, or another stretch is chosen
   for (const [k, s] of Object.entries({ from: ends()[0], to: ends()[1] })) {
     const field = $(`past-${k}`);
     if (document.activeElement === field) continue;
@@ -88,12 +101,17 @@ function fields() {
 
 function typed() {
   const both = ["from", "to"].map((k) => $(`past-${k}`));
-  if (!shown?.t.length || both.every((f) => f.value === f.dataset.told)) return;
+  if (both.some((f) => f.dataset.told === undefined)) return; // nothing was heard yet
+  if (both.every((f) => f.value === f.dataset.told)) {
+    if (miswritten) { miswritten = false; complain(""); link(); toFleet(); }
+    return;
+  }
   const [from, to] = both.map((f) => (f.value === f.dataset.told ? Number(f.dataset.s) : moment(f.value, f.dataset.told)));
-  if (Number.isNaN(from) || Number.isNaN(to)) complain(dated() ? "a date and a time such as 2026-03-01 14:05:00 are needed" : "a time such as 0:12:30 is needed");
-  else if (from >= to) complain("the end of the stretch must be after its start");
+  const why = Number.isNaN(from) || Number.isNaN(to) ? (dated() ? "a date and a time such as 2026-03-01 14:05:00 are needed" : "a time such as 0:12:30 is needed") : from >= to ? "the end of the stretch must be after its start" : "";
+  miswritten = why !== "";
+  complain(why);
+  if (miswritten) link();
   else {
-    complain("");
     both.forEach((f, k) => { f.dataset.told = f.value; f.dataset.s = [from, to][k]; });
     choose(from, to);
   }
@@ -127,7 +145,7 @@ function drag(svg) {
 
 // The fleet's dashboard with the same string and window; only where the frames have the time of the wall.
 function toFleet() {
-  const known = fleet && latest?.wall_ms != null && shown.t.length > 1;
+  const known = fleet && latest?.wall_ms != null && shown.t.length > 1 && !miswritten && !barren;
   $("grafana").hidden = !known;
   if (!known) return;
   const ms = (t) => Math.round(wallMs(latest, t)), to = new URL(fleet);
@@ -164,16 +182,22 @@ export function follow(p) {
   key = now; asked = performance.now(); busy = true;
   const string = $("past-string").value, query = new URLSearchParams({ string, ...wanted() });
   fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => {
-    if (found.error) throw new Error(found.error);
-    shown = { ...found, string: Number(string) }; draw(); link(); if (shown.t.length) fields(); toFleet(); $("past").dataset.points = found.t.length;
+    if (found.error) { barren = true; link(); complain(found.error); return; }
+    shown = { ...found, string: Number(string) }; barren = !shown.t.length; draw(); link(); if (!barren) fields(); toFleet(); $("past").dataset.points = found.t.length;
   })
-    .catch((e) => complain(e.message)).finally(() => { busy = false; follow(latest); });
+    .catch((e) => { key = ""; complain(e.message); }).finally(() => { busy = false; if (key) follow(latest); });
 }
 
 function draw() {
   const svg = $("past");
   svg.replaceChildren();
-  if (shown.t.length < 2) return;
+  const put = (tag, more, text = "") => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); n.textContent = text; svg.append(n); return n; };
+  if (shown.t.length < 2) {
+    const said = shown.t.length ? "One estimate only in this stretch" : "No estimates in this stretch";
+    put("text", { x: LEFT, y: TOP + 20, fill: "var(--soft)" }, said);
+    svg.setAttribute("aria-label", said);
+    return;
+  }
   const width = Math.max(svg.clientWidth, 200), [t0, t1] = ends(), limit = about.limits.core_C;
   let below = TOP - GAP;
   const panels = PANELS.filter(([name]) => shown[name].some((v) => v !== null)).map(([name, title, height, scale]) => {
@@ -183,7 +207,6 @@ function draw() {
   });
   svg.setAttribute("height", below + FOOT);
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
-  const put = (tag, more, text = "") => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); n.textContent = text; svg.append(n); return n; };
   for (const [name, title, top, bottom, scale] of panels) {
     const y = shown[name].map((v) => (v === null ? null : scale * v)), vague = y.map((v, i) => v !== null && name === "hottest" && shown.half[i] > about.available.unknown_95);
     const sure = y.map((v, i) => (vague[i] ? null : v)), scaled = sure.some((v) => v !== null) ? sure : y, there = scaled.map((v, i) => [i, v]).filter(([, v]) => v !== null);

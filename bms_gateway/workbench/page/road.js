@@ -207,7 +207,7 @@ function doubt() {
   $("doubt").hidden = !top || (!top.worse && !top.remains && !probes.length && top.core?.proven !== false);
   $("doubt").replaceChildren(...[
     top?.worse && el("span", { class: "danger" }, `${top.worse} `),
-    top?.remains && el("span", { title: top.remains }, "Something unknown remains. "),
+    top?.remains && el("span", { title: top.remains }, `${top.remains.split(":")[0]}. `),
     top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
     ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
 }
