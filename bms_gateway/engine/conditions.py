@@ -44,7 +44,7 @@ def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Co
         yield Condition("unheard", Severity.WARNING, text, string)
     for string, channel, meter in inputs.compared():
         if meter.reversed:
-            yield Condition("current_sign", Severity.WARNING, f"{WRONG_SIGN} ({channel.signal})", string)
+            yield Condition("current_sign", Severity.WARNING, f"{WRONG_SIGN} ({channel.source})", string)
     if len(strings) and np.isnan(strings[0].newest.core).any():
         for s in strings:
             if np.isnan(s.core).all():
@@ -89,7 +89,7 @@ def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
     remedy = REMEDIES[quality]
     if quality is Quality.STUCK and quantity == "surface":
         remedy = "check that the thermocouple is fixed to its cell, and check its amplifier"
-    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {remedy}"
+    return f"{what} not used: {REASONS[quality]} ({channels[0].source}): {remedy}"
 
 
 def contradicted(s: StringEstimator) -> list[int]:
