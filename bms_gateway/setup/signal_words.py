@@ -34,6 +34,13 @@ TEMPERATURE: Final = _list("""
 CHARGE: Final = _list("""
     soc rsoc socui ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge dianliang
     """)
+DISCHARGE: Final = _list("""
+    discharge discharging dischg dischrg dschg disch dchg dchrg dsg dsch dis entlade entladen entladung decharge
+    descarga scarica ontladen ontlaad fangdian
+    """)
+CHARGING: Final = _list("""
+    charge charging chg chrg chr lade laden ladung recharge carga carica opladen laad chongdian
+    """)
 FLOW: Final = _list("flow durchfluss volumenstrom flowrate debit")
 PACK: Final = _list("""
     pack batt battery bat hv hvb hvbat traction main total bus bms bmu bcu bmc string ess ress lb dc akku accu
@@ -171,8 +178,8 @@ def unit_of(text: str) -> Unit | None:
 
 _KNOWN: Final = frozenset(
     w
-    for group in (CURRENT, VOLTAGE, TEMPERATURE, CHARGE, FLOW, PACK, CELL, SENSED, OTHER_THINGS, NOT_MEASURED,
-                  STATISTIC, COOLANT, OUTWARD, AMBIENT)
+    for group in (CURRENT, VOLTAGE, TEMPERATURE, CHARGE, DISCHARGE, CHARGING, FLOW, PACK, CELL, SENSED, OTHER_THINGS,
+                  NOT_MEASURED, STATISTIC, COOLANT, OUTWARD, AMBIENT)
     for w in group
 )  # fmt: skip
 _SHORTEST: Final = 3
