@@ -99,6 +99,8 @@ class Source(Section):
         """Check that a current of two signals has nothing but these."""
         if len(self.directions) != 2:
             raise ValueError(f"{next(iter(self.directions))} alone is half a current: name discharge and charge")
+        if self.signal is not None:
+            raise ValueError("signal is a current of one signal, discharge and charge are one of two: keep either")
         if self.model_fields_set - {"discharge", "charge"}:
             other = ", ".join(sorted(self.model_fields_set - {"discharge", "charge"}))
             raise ValueError(f"{other}: belongs to each of discharge and charge, as discharge.{other.split(', ')[0]}")
