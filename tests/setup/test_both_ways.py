@@ -118,3 +118,19 @@ def test_a_drive_without_any_charge_has_the_pair_too(tmp_path) -> None:
     vehicle.values["Hv1.BattVolt"] = 390.0 - 0.12 * np.abs(d.current)
     p = next(proposed(vehicle, tmp_path).of("current"))
     assert [half.series.info.name for half in p.single] == ["BattDischCurr", "BattChrgCurr"]
+
+
+def test_each_string_has_its_own_pair(tmp_path) -> None:
+    d = drive(22)
+    lines, v = ['VERSION ""', "BU_: X"], {}
+    for k, share in ((1, 0.55), (2, 0.45)):
+        flow = share * d.current
+        lines += [f"BO_ {410 + k} String{k}: 8 X", ' SG_ DischCurr : 0|16@1+ (0.1,0) [0|0] "A" X',
+                  ' SG_ ChrgCurr : 16|16@1+ (0.1,0) [0|0] "A" X', ' SG_ Volt : 32|16@1+ (0.1,0) [0|1000] "V" X',
+                  f"BO_ {420 + k} String{k}_Temps: 8 X",
+                  *(f' SG_ CellTemp{j + 1} : {8 * j}|8@1+ (0.5,-40) [-40|87] "degC" X' for j in range(4))]  # fmt: skip
+        v |= {f"String{k}.DischCurr": np.maximum(flow, 0.0), f"String{k}.ChrgCurr": np.maximum(-flow, 0.0)}
+        v |= {f"String{k}.Volt": d.voltage} | {f"String{k}_Temps.CellTemp{j + 1}": d.surface[:, j] for j in range(4)}
+    vehicle = Vehicle("two_strings", "\n".join(lines), v, {"String1_Temps": 1.0, "String2_Temps": 1.0}, {})
+    found = {p.string: [half.path for half in p.single] for p in proposed(vehicle, tmp_path).of("current")}
+    assert found == {k: [f"String{k}.DischCurr", f"String{k}.ChrgCurr"] for k in (1, 2)}
