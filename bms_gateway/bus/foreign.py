@@ -230,7 +230,8 @@ def _mf4_reader(source: BinaryIO) -> Any:
 
 def _decoded_only(reader: Any) -> list[str]:
     """Names of the signals of an MF4 file without raw CAN frames; empty if it has such frames."""
-    names = [name for name in reader._mdf.channels_db if name not in ("t", "time", "Timestamp", "timestamps")]
+    file = getattr(reader, "_mdf", None)  # another version of python-can may keep it elsewhere
+    names = [name for name in getattr(file, "channels_db", ()) if name not in ("t", "time", "Timestamp", "timestamps")]
     if any(name.startswith("CAN_") for name in names):
         return []
     return [name for name in names if "CAN_DataFrame" not in name]

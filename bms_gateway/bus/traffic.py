@@ -222,13 +222,11 @@ class Traffic:
         seed: int = 0,
     ) -> None:
         fed = range(len(plan.strings)) if strings is None else strings
-        wanted = [
-            (feed, c) for feed, index in enumerate(fed) for c in plan.strings[index].channels if c.signal is not None
-        ]
+        wanted = [(feed, c) for feed, index in enumerate(fed) for c in plan.strings[index].carried]
         if not wanted:
             raise UsageError("nothing to send: every quantity of these strings is a constant")
         messages = dict.fromkeys(database.resolve(c.signal or "").message for _, c in wanted)
-        known = [c for string in plan.strings for c in string.channels if c.signal is not None]
+        known = [c for string in plan.strings for c in string.carried]
         infos = {c.signal or "": (database.resolve(c.signal or ""), c) for c in known}
         infos = {signal: of for signal, of in infos.items() if of[0].message in messages}
         refused = {signal: _refused(*of) for signal, of in infos.items()}
@@ -355,7 +353,7 @@ class Traffic:
         if self._noise_K and INPUTS[c.quantity].kind == "temperature":
             value = value + self._noise_K * self._rng.standard_normal(len(t))
         with np.errstate(over="ignore"):  # a value too large for a float is too large for a signal
-            return (value - c.offset) / c.scale
+            return (c.share(value) - c.offset) / c.scale
 
 
 def _known(feed: Mapping[Key, Series], c: Channel) -> bool:

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
                     for k in range(1, s.model.cells + 1)
                     if s.of_several or not {k - 1, k, k + 1}.intersection(sensors)
                 ],
-                "signals": {_label(*c.key): c.signal or f"constant {c.constant:g}" for c in s.channels},
+                "signals": {_label(*c.key): c.source or f"constant {c.constant:g}" for c in s.channels},
             }
         )
     if problem:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bms_gateway.setup.proposal import Proposal, Proposed, Role
     from bms_gateway.setup.vehicle_logs import Traffic
     from bms_gateway.setup.without_dbc import Guess
-    from bms_gateway.thermal.cells import CellFacts
+    from bms_gateway.thermal.cells import CellFacts, Chemistry
 
 EXAMPLE = """
   bms-gateway init drive.log.gz --dbc vehicle.dbc --out my_vehicle
@@ -67,13 +67,14 @@ def run(args: argparse.Namespace) -> int:
     in_order(args.log)
     cell = cell_of(args.cell) if args.cell is not None else None
     traffic = read_traffic(args.log, args.dbc)
-    proposal = propose(traffic)
+    chemistry = cell.chemistry if cell is not None else None
+    proposal = propose(traffic, chemistry=chemistry)
     for remark in proposal.remarks:
         note(remark)
     if not _may_write(out, args):
         return 1
     if _asks(args):
-        proposal = _ask(traffic, proposal)
+        proposal = _ask(traffic, proposal, chemistry)
     return _write(args, out, cell, traffic, proposal)
 
 
@@ -215,7 +216,7 @@ def keep(there: Path) -> Path:
 def document(proposal: "Proposal") -> dict[str, Any]:
     """Give the result as a document for machines."""
     return {
-        "signals": [_entry(p) for p in proposal.signals],
+        "signals": [_entry(half) for p in proposal.signals for half in p.single],
         "unused": [{"signal": path, "why": why} for path, why in proposal.unused],
         "strings": [{"name": f"string_{k}", "cells": n} for k, n in enumerate(proposal.cells, 1)],
         "series_cells": proposal.series_cells,
@@ -239,6 +240,7 @@ def _entry(p: "Proposed") -> dict[str, Any]:
         "offset": offset,
         "overrides": p.overrides,
         "statistic": p.statistic,
+        "way": p.way,
         "why": p.why,
     }
 
@@ -249,7 +251,8 @@ def _table(proposal: "Proposal") -> str:
     from bms_gateway.setup.propose import NO_ROLE
 
     rows = []
-    for p in proposal.signals[:SHOWN]:
+    singly = [half for p in proposal.signals for half in p.single]
+    for p in singly[:SHOWN]:
         factor, unit = READ_AS[INPUTS[p.role].kind]
         low, high = (factor * x for x in p.observed)
         where = "" if p.string is None else f"string_{p.string}"
@@ -266,8 +269,8 @@ def _table(proposal: "Proposal") -> str:
             ]
         )
     lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "unit", "Hz"], rows, left=4)]
-    if len(proposal.signals) > SHOWN:
-        lines.append(f"… and {len(proposal.signals) - SHOWN} more")
+    if len(singly) > SHOWN:
+        lines.append(f"… and {len(singly) - SHOWN} more")
     lines += _reasons(proposal)[:SHOWN]
     odd = [(path, why) for path, why in proposal.unused if path in proposal.refused]
     lines += [f"not used: {path}: {why}" for path, why in odd[:20]]
@@ -285,6 +288,8 @@ def _which(p: "Proposed") -> str:
     """Name the role with its cell, or with the statistic of several cells."""
     if p.index is not None:
         return f"{p.role} {p.index}"
+    if p.way is not None:
+        return f"{p.role}, {p.way}"
     return f"{p.role} {p.statistic}" if p.statistic else p.role
 
 
@@ -302,7 +307,7 @@ def _reasons(proposal: "Proposal") -> list[str]:
     return lines
 
 
-def _ask(traffic: "Traffic", proposal: "Proposal") -> "Proposal":
+def _ask(traffic: "Traffic", proposal: "Proposal", chemistry: "Chemistry | None") -> "Proposal":
     """Ask about every uncertain choice for the whole pack; offer the next best signal for a refused one."""
     from bms_gateway.cli.output import note
     from bms_gateway.frames.vocabulary import INPUTS
@@ -319,7 +324,7 @@ def _ask(traffic: "Traffic", proposal: "Proposal") -> "Proposal":
             agreed.add(_place(p))
             continue
         refused[p.path] = p.role
-        proposal = propose(traffic, refused)
+        proposal = propose(traffic, refused, chemistry)
         for remark in proposal.remarks:
             if remark not in told:
                 note(remark)

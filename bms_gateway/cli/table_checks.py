@@ -57,11 +57,11 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
         One per column: number of rows, place of the first, range that would fit in the table's unit, and what is sent.
     """
     found: list[dict[str, Any]] = []
-    for c in string.channels:
+    for c in string.carried:
         values = _column(table, c)
-        if c.signal is None or values is None:
+        if values is None:
             continue
-        info = database.resolve(c.signal)
+        info = database.resolve(c.signal or "")
         low, high = _raw_range(info)
         with np.errstate(over="ignore"):  # neither 1e308 nor infinity fits any signal
             raw = ((values - c.offset) / c.scale - info.offset) / info.scale
@@ -96,7 +96,7 @@ def refuse_made_up(string: StringPlan, table: Table, made_up: Sequence[Channel])
     if made_up:
         c = made_up[0]
         what = f"{INPUTS[c.quantity].column.format(c.cell)} has no values"
-        if c not in string.channels:
+        if c not in string.carried:
             what = f"the table says nothing of {c.signal}, which another string of the config takes"
         raise DataError(
             f"{table.source}: {what}, {c.signal} cannot say so, and other values of its frames are known: nothing was "
@@ -176,12 +176,12 @@ def refuse_other_units(string: StringPlan, database: Database, table: Table) -> 
         The signal cannot carry over half of a column's values, or the gateway would refuse them. The message names the
         unit in which they would be right.
     """
-    for c in string.channels:
+    for c in string.carried:
         values = _column(table, c)
-        if c.signal is None or values is None:
+        if values is None:
             continue
         given = values[np.isfinite(values)]
-        ends, believed = _carried(c, database.resolve(c.signal)), INPUTS[c.quantity].plausible
+        ends, believed = _carried(c, database.resolve(c.signal or "")), INPUTS[c.quantity].plausible
         low, high = max(ends[0], believed[0]), min(ends[1], believed[1])
         lost = int(((given < low) | (given > high)).sum())
         if 2 * lost <= len(given):
@@ -215,4 +215,5 @@ def _carried(c: Channel, info: SignalInfo) -> tuple[float, float]:
 
 
 def _column(table: Table, c: Channel) -> NDArray[np.float64] | None:
-    return None if c.statistic is not None else table.of(c.quantity, c.cell)
+    values = None if c.statistic is not None else table.of(c.quantity, c.cell)
+    return None if values is None else c.share(values)

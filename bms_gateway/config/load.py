@@ -280,6 +280,20 @@ class _Wiring:
 
     def _channel(self, quantity: Quantity, cell: int | None, source: Source) -> Channel:
         key = f"{self.where}.{quantity}" + (f".{cell}" if cell is not None else "")
+        if source.directions:
+            return self._two_signals(key, quantity, source)
+        return self._one_signal(key, quantity, cell, source)
+
+    def _two_signals(self, key: str, quantity: Quantity, source: Source) -> Channel:
+        """Make the channel of a current that has one signal for each direction."""
+        if quantity != "current":
+            raise ConfigError(f'{key}: discharge and charge belong to current; here: signal = "Message.Signal"')
+        out, into = (self._one_signal(f"{key}.{x}", quantity, None, half) for x, half in source.directions.items())
+        if out.signal == into.signal:
+            raise ConfigError(f"{key}: '{out.signal}' is named for both directions; one signal alone: current = ...")
+        return replace(out, way=1, charge=replace(into, scale=-into.scale, offset=0.0 - into.offset, way=-1))
+
+    def _one_signal(self, key: str, quantity: Quantity, cell: int | None, source: Source) -> Channel:
         if source.signal is None:
             return Channel(quantity, cell, None, _constant(key, quantity, source))
         try:

@@ -51,6 +51,8 @@ class Source(Section):
         The bits of the raw value that are the measurement, if the DBC includes others: one run of ones, as 0x0FFF.
     max_of, min_of, mean_of : str or None
         For a surface: the signal is the greatest, least or mean surface of these cells, such as "1-96" or "1,3,5-8".
+    discharge, charge : Source or None
+        For a current that two signals carry, one for each direction, both positive: the two signals.
     """
 
     signal: str | None = None
@@ -66,6 +68,8 @@ class Source(Section):
     max_of: Text | None = None
     min_of: Text | None = None
     mean_of: Text | None = None
+    discharge: "Source | None" = None
+    charge: "Source | None" = None
 
     @model_validator(mode="before")
     @classmethod
@@ -75,6 +79,8 @@ class Source(Section):
     @model_validator(mode="after")
     def _one_kind(self) -> "Source":
         given = [x for x in (self.signal, self.constant, self.constant_C) if x is not None]
+        if self.directions:
+            return self._two_signals()
         if len(given) != 1:
             raise ValueError('needs exactly one of signal = "Message.Signal", constant_C (temperatures) or constant')
         if self.signal is None and (self.scale != 1.0 or self.offset != 0.0):
@@ -88,6 +94,26 @@ class Source(Section):
         if self.scale == 0.0:
             raise ValueError("scale = 0 would make every value the offset; use a constant")
         return self
+
+    def _two_signals(self) -> "Source":
+        """Check that a current of two signals has nothing but these."""
+        if len(self.directions) != 2:
+            raise ValueError(f"{next(iter(self.directions))} alone is half a current: name discharge and charge")
+        if self.signal is not None:
+            raise ValueError("signal is a current of one signal, discharge and charge are one of two: keep either")
+        if self.model_fields_set - {"discharge", "charge"}:
+            other = ", ".join(sorted(self.model_fields_set - {"discharge", "charge"}))
+            raise ValueError(f"{other}: belongs to each of discharge and charge, as discharge.{other.split(', ')[0]}")
+        for name, half in self.directions.items():
+            if half.directions or half.statistics or half.signal is None:
+                raise ValueError(f'{name} must be one signal, as {name} = "Message.Signal"')
+        return self
+
+    @property
+    def directions(self) -> dict[str, "Source"]:
+        """The signals of both directions of a current, by key; empty where one signal carries it."""
+        given = {"discharge": self.discharge, "charge": self.charge}
+        return {name: half for name, half in given.items() if half is not None}
 
     @property
     def statistics(self) -> dict[Statistic, str]:
@@ -127,10 +153,18 @@ class SignalsOfString(Section):
         """List all with their keys."""
         for quantity in WHOLE:
             if (source := self.of(quantity)) is not None:
-                yield quantity, source
+                yield from _halves(quantity, source)
         for quantity in CELL:
             for cell, source in self.of_cells(quantity).items():
                 yield f"{quantity}.{cell}", source
+
+
+def _halves(key: str, source: Source) -> Iterator[tuple[str, Source]]:
+    """List a source, or the two of a current with a signal for each direction."""
+    if not source.directions:
+        yield key, source
+    for name, half in source.directions.items():
+        yield f"{key}.{name}", half
 
 
 _WHOLE_FIELDS: dict[str, Any] = {q: (Source, ...) if INPUTS[q].needed else (Source | None, None) for q in WHOLE}

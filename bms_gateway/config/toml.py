@@ -135,6 +135,19 @@ def dotted(loc: tuple[int | str, ...]) -> str:
     return text
 
 
+def _in_quotes(given: object, kind: str) -> str | None:
+    """Give the number that was written as text; None if it is no number, or fits no number's key."""
+    if not isinstance(given, str) or not kind.startswith(("int_", "float_")):
+        return None
+    text = given.strip()
+    if re.fullmatch(r"0[xX][0-9a-fA-F]{1,16}|[+-]?\d{1,18}", text):
+        return text
+    if re.fullmatch(r"[+-]?\d{1,18}\.\d{1,18}", text):
+        return text if kind.startswith("float_") else None
+    percent = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?) ?%", text)
+    return f"{float(percent[1]) / 100:g}" if percent and kind.startswith("float_") else None
+
+
 def _line(schema: type[BaseModel], fault: Any) -> str:
     loc = tuple(p for p in fault["loc"] if p != "[key]")
     key, kind = clipped(dotted(loc), MOST_SHOWN), fault["type"]
@@ -153,7 +166,10 @@ def _line(schema: type[BaseModel], fault: Any) -> str:
     message = clipped(one_line(str(fault["msg"])).removeprefix("Value error, "), MOST_SHOWN)
     if kind == "value_error":
         return f"{key}: {message}" if key else message
-    return f"{key}: {given}: {message[:1].lower()}{message[1:]}"
+    valid = ": true or false" if kind in ("bool_type", "bool_parsing") else ""
+    if (number := _in_quotes(fault["input"], kind)) is not None:
+        valid = f": without quotes, {loc[-1]} = {number}"
+    return f"{key}: {given}: {message[:1].lower()}{message[1:]}{valid}"
 
 
 def _at(annotation: Any, loc: tuple[int | str, ...]) -> Any:

@@ -44,7 +44,7 @@ def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Co
         yield Condition("unheard", Severity.WARNING, text, string)
     for string, channel, meter in inputs.compared():
         if meter.reversed:
-            yield Condition("current_sign", Severity.WARNING, f"{WRONG_SIGN} ({channel.signal})", string)
+            yield Condition("current_sign", Severity.WARNING, f"{WRONG_SIGN} ({channel.source})", string)
     if len(strings) and np.isnan(strings[0].newest.core).any():
         for s in strings:
             if np.isnan(s.core).all():
@@ -92,7 +92,7 @@ def _fault(quantity: str, alike: Sequence[Fault]) -> str:
         remedy = "check that the thermocouple is fixed to its cell, and check its amplifier"
     elif first.why == HELD:
         remedy = "check that it is fixed to its cell, and check its wire and plug"
-    return f"{what} not used: {first.why} ({first.channel.signal}): {remedy}"
+    return f"{what} not used: {first.why} ({first.channel.source}): {remedy}"
 
 
 def contradicted(s: StringEstimator) -> list[int]:

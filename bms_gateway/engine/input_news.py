@@ -92,7 +92,7 @@ class InputNews:
                 t1,
                 Level.WARNING if i in now else Level.NOTICE,
                 "current_sign",
-                f"{WRONG_SIGN if i in now else RIGHT_SIGN} ({self._wiring.channels[i].signal})",
+                f"{WRONG_SIGN if i in now else RIGHT_SIGN} ({self._wiring.channels[i].source})",
                 self._wiring.names[i][0],
             )
             for i in sorted(now ^ self._reversed)
@@ -104,12 +104,12 @@ class InputNews:
         c, (string, cell) = self._wiring.channels[i], self._wiring.names[i]
         what = c.quantity.replace("_", " ") + (f" of cell {cell}" if cell is not None else "")
         if now == Quality.GOOD:
-            return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell, c.quantity)
+            return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.source})", string, cell, c.quantity)
         why = self._why(i)
         if c.quantity == "current" and now == Quality.STUCK:
             stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
             why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
-        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell, c.quantity)
+        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.source})", string, cell, c.quantity)
 
     def compared(self) -> list[tuple[str, Channel, Ammeter]]:
         """List the currents that a voltage checks: the first string with each, its channel, the comparison."""
@@ -146,5 +146,5 @@ class InputNews:
         for i in np.flatnonzero(those).tolist():
             if self._wiring.channels[i].quantity == "cell_voltage" or i in self._wiring.spare:
                 continue  # our own DBC always contains them, but few buses carry them
-            missing.setdefault(self._wiring.names[i][0], []).append(self._wiring.channels[i].signal or "")
+            missing.setdefault(self._wiring.names[i][0], []).append(self._wiring.channels[i].source)
         return {name: ", ".join(signals) for name, signals in missing.items()}

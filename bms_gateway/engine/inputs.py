@@ -5,6 +5,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.engine.both_ways import BothWays
 from bms_gateway.engine.current import Means
 from bms_gateway.engine.events import Notice
 from bms_gateway.engine.input_news import Fault, InputNews
@@ -65,38 +66,42 @@ class Inputs:
     counts : ndarray of int64 (C, 16)
         Samples of each input so far, by `Quality`.
     extremes : ndarray (2, C)
-        Least and greatest value of each input so far, used or refused, in the DBC's unit, without values that mean "not
-        available" or "error"; ±inf before the first.
+        Least and greatest value of each decoded signal so far, used or refused, in the DBC's unit, without values that
+        mean "not available" or "error"; ±inf before the first. The first C are those of the inputs.
+    both_ways : BothWays
+        Currents that two signals carry.
     """
 
     def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
         self._wiring = Wiring.of(plan, everything=whole)
         self.wires: list[Wire] = self._wiring.wires
-        channels, signals = self._wiring.channels, self._wiring.signals
+        decoded = self._wiring.decoded
+        signals = [c.signal or "" for c, _ in decoded]
         self._table = database.compile(signals)
         self.can_ids = self._table.can_ids
         groups = {m.can_id for m in database.messages.values() if m.any_sender and m.database != OWN_DBC}
         self.senders = Senders(groups.intersection(self.can_ids.tolist()), groups)
-        self._scale = np.array([c.scale for c in channels])
-        self._offset = np.array([c.offset for c in channels])
+        self._scale = np.array([c.scale for c, _ in decoded])
+        self._offset = np.array([c.offset for c, _ in decoded])
         rules = []
         turns: dict[tuple[str, tuple[Switch, ...]], int] = {}  # a message may have thousands of multiplexed signals
-        for c, path, group in zip(channels, signals, self._wiring.groups, strict=True):
+        for (c, i), path in zip(decoded, signals, strict=True):
             signal = database.resolve(path)
             if (part := (signal.message, signal.mux)) not in turns:
                 message = database.message(signal.message)
                 # by our own DBC all parts come in each cycle
                 turns[part] = 1 if message.database == OWN_DBC else message.turns(signal)
-            rules.append(default_rule(c.quantity, signal, c.scale, c.offset, group, turns[part]))
+            rules.append(default_rule(c.quantity, signal, c.scale, c.offset, self._wiring.groups[i], turns[part]))
+        self.both_ways, rules = BothWays.of([i for _, i in decoded], rules)
         self._guard = Guard(rules)
         self._counters = CounterGuard(self._table)
-        steps = [abs(c.scale) * database.resolve(x).resolution for c, x in zip(channels, signals, strict=True)]
+        steps = [abs(c.scale) * database.resolve(c.signal or "").resolution for c in self._wiring.channels]
         self._integrals = Integrals(self.wires, steps)
         due_ns = [max(r.stale_after_ns, ROUNDS * r.round_ns) for r in rules]
         self._news = InputNews(self._wiring, self._integrals.meters, np.array(due_ns, np.int64))
         self._places = Places.of(plan, self.wires, self._integrals.pairs)
         self.good = _NOTHING
-        self.counts = np.zeros((len(signals), QUALITIES), np.int64)
+        self.counts = np.zeros((len(rules), QUALITIES), np.int64)
         self.extremes = np.array([[np.inf], [-np.inf]]).repeat(len(signals), axis=1)
         self.rejected: dict[str, int] = {}
         # stamps of the collected frames without a sample, by reason
@@ -127,8 +132,11 @@ class Inputs:
             if len(which):
                 self._passed_over[reason] = np.concatenate([self._passed_over[reason], frames.time_ns[which]])
         value = s.value * self._scale[s.signal] + self._offset[s.signal]
-        samples = Samples(frames.time_ns[s.frame], s.signal, value, flag)
-        return samples if not len(repeated) else samples.where(~np.isin(s.frame, repeated))
+        samples, frame = Samples(frames.time_ns[s.frame], s.signal, value, flag), s.frame
+        if len(repeated):
+            once = ~np.isin(frame, repeated)
+            samples, frame = samples.where(once), frame[once]
+        return self.both_ways.join(samples, frame) if self.both_ways.pairs else samples
 
     def update(self, samples: Samples, t0: int, t1: int, expected: Floats | None = None) -> Readings:
         """Use the samples of one tick [t0, t1); return the readings of the strings, in the order of the plan.

@@ -3,10 +3,12 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.health.alerts import AlertSettings
 from bms_gateway.identify.cell_prior import CellSettings
-from bms_gateway.thermal import Disturbance, StringModel
+from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 Statistic = Literal["max", "min", "mean"]
 
@@ -29,6 +31,11 @@ class Channel:
         one certain cell.
     scale, offset : float
         Quantity = scale · decoded value + offset; converts the DBC's unit to SI and corrects wrong units in a log.
+    charge : Channel or None
+        For a current that two signals carry: this channel is the discharge, and `charge` the other direction, negative.
+        The current is the sum of both.
+    way : {1, -1, 0}
+        Direction of a half of such a current: 1 discharge, −1 charge; 0 for every other channel.
     """
 
     quantity: Quantity
@@ -39,6 +46,24 @@ class Channel:
     offset: float = 0.0
     statistic: Statistic | None = None
     among: tuple[int, ...] = ()
+    charge: "Channel | None" = None
+    way: Literal[1, -1, 0] = 0
+
+    @property
+    def halves(self) -> tuple["Channel", ...]:
+        """The channels of single signals: this one, and that of the charge current where it has a signal of its own."""
+        return (self,) if self.charge is None else (self, self.charge)
+
+    @property
+    def source(self) -> str:
+        """Name for people: the signal, or both signals."""
+        return " and ".join(half.signal or "" for half in self.halves)
+
+    def share(self, value: Floats) -> Floats:
+        """Give the part of a quantity that this signal carries: of a current its own direction, else all of it."""
+        if self.way == 0:
+            return value
+        return np.maximum(value, 0.0) if self.way > 0 else np.minimum(value, 0.0)
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -55,6 +80,11 @@ class StringPlan:
     model: StringModel
     channels: tuple[Channel, ...]
     identify: Literal["window", "rls", "off"] = "window"
+
+    @property
+    def carried(self) -> tuple[Channel, ...]:
+        """Channels that the bus carries, one for each signal: both directions of a current where it has two."""
+        return tuple(half for c in self.channels if c.signal is not None for half in c.halves)
 
     @property
     def of_several(self) -> bool:

@@ -21,7 +21,7 @@ class Samples:
         """Take samples start…stop − 1."""
         return Samples(self.time_ns[start:stop], self.input[start:stop], self.value[start:stop], self.flag[start:stop])
 
-    def where(self, chosen: NDArray[np.bool_]) -> "Samples":
+    def where(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "Samples":
         """Take the chosen samples."""
         return Samples(self.time_ns[chosen], self.input[chosen], self.value[chosen], self.flag[chosen])
 

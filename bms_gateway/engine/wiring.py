@@ -15,6 +15,9 @@ from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.engine.statistics import OneOfSeveral
 from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
 
+Half = tuple[str | None, float, float]
+"""Signal, scale and offset of one direction of an input; most inputs have one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Wire:
@@ -109,7 +112,7 @@ class Wiring:
     def of(cls, plan: Plan, *, everything: bool = False) -> "Wiring":
         """Give numbers to the inputs of a plan; with `everything` also those that no estimator uses."""
         made = cls()
-        index: dict[tuple[str, float, float], int] = {}
+        index: dict[tuple[Half, ...], int] = {}
         before = 0
         for string in plan.strings:
             made.wires.append(made._wire(string, index, before, everything))
@@ -117,13 +120,12 @@ class Wiring:
         return made
 
     @property
-    def signals(self) -> list[str]:
-        """Signal of each input."""
-        return [c.signal or "" for c in self.channels]
+    def decoded(self) -> list[tuple[Channel, int]]:
+        """Channel and input of each decoded signal: one per input, then the charge of each current with two signals."""
+        charges = [(c.charge, i) for i, c in enumerate(self.channels) if c.charge is not None]
+        return [*((c, i) for i, c in enumerate(self.channels)), *charges]
 
-    def _wire(
-        self, string: StringPlan, index: dict[tuple[str, float, float], int], before: int, everything: bool
-    ) -> Wire:
+    def _wire(self, string: StringPlan, index: dict[tuple[Half, ...], int], before: int, everything: bool) -> Wire:
         """Find the inputs of a string; `before` is the number of cells of the strings before it."""
         whole: dict[Quantity, int] = dict.fromkeys(WHOLE, -1)
         cells: dict[Quantity, NDArray[np.intp]] = {q: np.full(string.model.cells, -1, np.intp) for q in CELL}
@@ -137,7 +139,7 @@ class Wiring:
             if not everything and c.quantity not in used and not INPUTS[c.quantity].recorded:
                 continue
             known = len(index)
-            i = index.setdefault((c.signal, c.scale, c.offset), known)
+            i = index.setdefault(tuple((h.signal, h.scale, h.offset) for h in c.halves), known)
             (self.spare.discard if c.quantity in used else self.spare.add)(i)
             if i == known:
                 self.channels.append(c)

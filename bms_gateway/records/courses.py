@@ -62,7 +62,7 @@ class Courses:
             step = 0.0 if volts is None else abs(volts.scale) * self._database.resolve(volts.signal or "").resolution
             I, V, soc = (self._column(table, i) for i in (w.current, w.voltage, w.whole["soc"]))  # noqa: E741
             said = witness(I, V, soc, self._engine.plan.tick_ns * 1e-9, step)
-            where = f"{string.name}.current ({by_quantity['current'].signal})"
+            where = f"{string.name}.current ({by_quantity['current'].source})"
             for text in said.against:
                 yield f"{where}: {text}"
             has_Ah = string.model.capacity_Ah

@@ -191,7 +191,7 @@ def _from_log(
 
     heard = accepted_samples(path, loaded, string, most)
     if not heard.taken.any():
-        wanted = [c.signal for c in string.channels if c.signal is not None]
+        wanted = [c.signal or "" for c in string.carried]
         raise DataError(
             f"{path}: no frame carries a signal of {loaded.path} for {string.name}; expected {', '.join(wanted[:3])}"
             f"{', …' if len(wanted) > 3 else ''}"
@@ -303,8 +303,8 @@ def _told(heard: Accepted, string: StringPlan) -> Iterator[str]:
         if c.quantity in OPTIONAL and refused[Quality.NOT_AVAILABLE] == of:
             continue  # the sender has no such value; no measurement is lost
         if not of:
-            yield f"{c.signal} never comes in this log."
+            yield f"{c.source} never comes in this log."
         elif count > WORTH_A_WORD * of:
             most = Quality(int(refused.argmax()))
             why = CURRENT_REFUSED if (c.quantity, most) == ("current", Quality.STUCK) else REASONS[most]
-            yield f"{c.signal}: {count} of {of} samples are not used, mostly: {why}."
+            yield f"{c.source}: {count} of {of} samples are not used, mostly: {why}."

@@ -123,19 +123,19 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
     """
     found: dict[str, Use] = {}
     for string, wire in zip(plan.strings, engine.wires, strict=True):
-        for c in string.channels:
+        for c in string.carried:
             if c.signal is None or c.signal in found:
                 continue
             i = wire.of(c)
             info = database.resolve(c.signal)
-            part = f".{c.statistic}_of" if c.statistic is not None else "" if c.cell is None else f".{c.cell}"
-            key = f"{string.name}.{c.quantity}{part}"
+            key = f"{string.name}.{c.quantity}{_part(c)}"
             allowed = allowed_range(c, info)
             if i < 0:
                 found[c.signal] = Use(key, c, info, 0, 0, {}, None, allowed, False, string.name in stated)
                 continue
-            counts = engine.counts[i]
-            low, high = (float(x) for x in engine.extremes[:, i])
+            half = engine.inputs.both_ways.half(i, c.way)
+            counts = engine.counts[i] if half is None else half.counted(engine.counts[i])
+            low, high = (float(x) for x in engine.extremes[:, i if half is None else half.signal])
             refused = {
                 Quality(q).name.lower(): int(n) for q, n in enumerate(counts.tolist()) if n and q != Quality.GOOD
             }
@@ -155,6 +155,13 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
                 engine.senders.get(info.can_id),
             )
     return found
+
+
+def _part(c: Channel) -> str:
+    """Give what the config writes after the quantity: a cell, a statistic, or a direction of the current."""
+    if c.way != 0:
+        return ".discharge" if c.way > 0 else ".charge"
+    return f".{c.statistic}_of" if c.statistic is not None else "" if c.cell is None else f".{c.cell}"
 
 
 def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
@@ -212,7 +219,7 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
     yield from _other_cells(plan, inputs)
     model = {s.name: s.model for s in plan.strings}
     for string, channel, meter in inputs.compared():
-        where = f"{string}.current ({channel.signal})"
+        where = f"{string}.current ({channel.source})"
         if meter.reversed:
             yield f"{where}: {WRONG_SIGN}"
         expected = float(np.sum(model[string].nominal.R_e))

@@ -37,6 +37,21 @@ _INLET: Final = (
     r"|\b(wasser|water|glykol|glycol|fluid|medium)( temperatur)? (ein|in|eingang)\b|^t ((km|kw|wasser) )?ein$"
     r"|\bt (fluid|water|glycol)\b|\b(eau|agua|acqua)\b.*\b(entr(é|e)e|entrada|ingresso)\b"
 )
+_FLUIDS: Final = re.compile(
+    r"\b(coolant|cool(ing)?|water|gl[yi][ck]ol|brine|sole|fluid|liquid|medium|antifreeze|\w*wasser|k(ü|ue)hl\w*|eau|agua|acqua"
+    r"|liquide|l(í|i)quido|refrigerante|koelvloeistof|km|kw|watergl[yi][ck]ol)\b"
+)
+_INWARD: Final = re.compile(
+    r"\b(in|inlet|feed|supply|entry|entering|incoming|inflow|intake|upstream|vorlauf|vl|zulauf|zufluss|eintritt|einlass|ein"
+    r"|eingang|entr(é|e)e|entrada|ingresso|mandata|ida|impulsi(ó|o)n|aller|aanvoer)\b"
+)
+_OUTWARD: Final = re.compile(
+    r"\b(out|outlet|outgoing|outflow|return|exit|leaving|drain|downstream|\w*r(ü|ue)cklauf|rl|ablauf|abfluss|\w*austritt"
+    r"|\w*auslass|aus|ausgang|retour|sortie|salida|uscita|ritorno|retorno|vuelta|afvoer)\b"
+)
+"""Words for the coolant, and for the two ends of its way past the cells."""
+_FLOW_OF_HEAT: Final = re.compile(r"\bflow t(emp\w*)?\b|\bt(emp\w*)? flow\b")
+"""In English, *flow* beside *return* is where the coolant enters; alone it is its rate."""
 _AIR: Final = (
     r"\b(ambient|amb|chamber|umgebung|(klima)?kammer|raum|room|t.?amb|(au(ß|ss)en|umgebungs|raum|kammer)?luft|air"
     r"|au(ß|ss)en(?= temp))\b"
@@ -106,8 +121,22 @@ _NOT: Final = re.compile(
 )
 _NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
 _NUMBER_OF_CELL: Final = re.compile(r"\b(?:cell|zelle|zell)[\s_#.:-]*(?:no|nr)?[\s_#.:-]*(\d+)")
-_CHARGE: Final = re.compile(r"\b(ladung|charge|f(ü|ue)llstand|akku|batterie|battery)\b")
+_CHARGE: Final = re.compile(
+    r"\b(ladung|charge|f(ü|ue)llstand|akku|batt?|batterie|battery|bater(í|i)a|batteria|bms|pack|gauge|remaining"
+    r"|restkapazit(ä|ae)t)\b"
+)
 """Words for the state of charge of a column in per cent."""
+_OTHER_SHARE: Final = re.compile(
+    r"\b(soh|health|gesundheit|humidity|feuchte|throttle|pedal|duty|fan|l(ü|ue)fter|pump\w*|torque|drehmoment|capability"
+    r"|limit|target|soll|depth|dod|aging|ageing|imbalance)\b"
+)
+"""Words for other quantities in per cent."""
+_OF_CELLS_V: Final = re.compile(
+    r"\b(v|u) ?(cells?|zellen?)\b|\bcells? (v|u|volt\w*)\b|\bzell(en)?spannung\b|\bcells?\b.*volt"
+)
+_A_MEAN: Final = re.compile(
+    r"\b(mean|avg|ave|average|mittel\w*|durchschnitt\w*|moy(enne?)?|media|promedio|gem(iddeld)?)\b"
+)
 _CHARGING_RISES: Final = re.compile(
     r"\b(laden|ladung|charge|charging|chg)\b[ :=]*(\+|pos)|\+[ :=]*(laden|ladung|charge|charging|chg)\b"
     r"|\b(entladen|entladung|discharge|discharging)\b[ :=]*(neg|[-\u2212](?=\s*([\])/,;]|$)))"
@@ -201,20 +230,20 @@ def guesses(
         if ours in taken or any(g.ours == ours for g in found.values()):
             continue
         fits = [n for n in free if n not in found and kind[n] in (None, quantity) and _called(pattern, ours, n)]
-        if ours != "time_s":
-            fits = [n for n in fits if ours != "coolant_inlet_C" or not re.search(_CORE, plain(n))]
+        if quantity == "temperature":
+            fits = _inlets(fits, [n for n in free if n not in found], kind)
+            fits = [n for n in fits if not re.search(_CORE, plain(n))]
         if not fits and quantity in ("current", "time", "flow"):  # only its unit identifies it
             fits = [n for n in free if n not in found and kind[n] == quantity and not _NOT.search(plain(n))][:1]
         if not fits and ours == "soc":
-            fits = [n for n in free if n not in found and kind[n] == quantity and _CHARGE.search(plain(n))][:1]
+            fits = [n for n in free if n not in found and kind[n] == quantity and _of_the_charge(plain(n))][:1]
         if fits:
             rank = {n: untimely(n, values.get(n)) if ours == "time_s" else 0 for n in fits}
             best = min(fits, key=lambda n: (rank[n], kind[n] is None, _late(ours, n), names.index(n)))
             found[best] = Guess(ours, _unit_of(quantity, values.get(best), kind[best]), why="by its name")
     for what, quantity in (("core", "temperature"), ("surface", "temperature"), ("cell_voltage", "voltage")):
         found |= _cells(what, quantity, [n for n in free if n not in found], kind, values, taken)
-    if not any(ours.startswith("surface_") for ours in (*taken, *(g.ours for g in found.values()))):
-        found |= _of_the_battery([n for n in free if n not in found], kind, values)
+    found |= _of_all_cells(found, [n for n in free if n not in found], kind, values, taken)
     return _signed(found, taken, values, told)
 
 
@@ -222,6 +251,50 @@ def _called(pattern: re.Pattern[str], ours: str, name: str) -> bool:
     text = plain(name)
     numbered = _NUMBER.search(text) is not None and ours in ("voltage_V", "time_s")
     return bool(pattern.search(text)) and not _NOT.search(text) and not numbered
+
+
+def _inlets(fits: Sequence[str], free: Sequence[str], kind: Mapping[str, str | None]) -> list[str]:
+    """Add columns of a coolant where it enters, and leave out those where it leaves."""
+    found = [n for n in free if n not in fits and kind[n] in (None, "temperature") and _enters(plain(n), kind[n])]
+    return [n for n in (*fits, *found) if not _OUTWARD.search(plain(n))]
+
+
+def _enters(text: str, quantity: str | None) -> bool:
+    rate = quantity == "temperature" and re.search(r"\bflow\b", text)
+    inward = _INWARD.search(text) or _FLOW_OF_HEAT.search(text) or rate
+    return bool(_FLUIDS.search(text) and inward)
+
+
+def _of_the_charge(text: str) -> bool:
+    """Whether a column in per cent is the state of charge: by a word for it, and by none for another share."""
+    return bool(_CHARGE.search(text)) and not _NOT.search(text) and not _OTHER_SHARE.search(text)
+
+
+def _of_all_cells(
+    found: Mapping[str, Guess],
+    free: Sequence[str],
+    kind: Mapping[str, str | None],
+    values: Mapping[str, Floats],
+    taken: Mapping[str, str],
+) -> dict[str, Guess]:
+    """Use a mean voltage of the cells, or a temperature of the battery, where no cell has its own."""
+    known = [*taken, *(g.ours for g in found.values())]
+    more = {} if any("voltage_" in ours for ours in known) else _mean_voltage(free, kind, values)
+    if not any(ours.startswith("surface_") for ours in known):
+        more |= _of_the_battery(free, kind, values)
+    return more
+
+
+def _mean_voltage(
+    free: Sequence[str], kind: Mapping[str, str | None], values: Mapping[str, Floats]
+) -> dict[str, Guess]:
+    """Use the mean voltage of the cells as that of the first one, if the table has no other voltage."""
+    for n in free:
+        text = plain(n)
+        if kind[n] in (None, "voltage") and _OF_CELLS_V.search(text) and _A_MEAN.search(text):
+            why = "the mean voltage of a cell: times their number it is that of the string"
+            return {n: Guess("cell_voltage_1_V", _unit_of("voltage", values.get(n), kind[n]), why=why)}
+    return {}
 
 
 def _late(ours: str, name: str) -> bool:
@@ -261,6 +334,7 @@ def _cells(
 ) -> dict[str, Guess]:
     """Give each cell the number in its column's name, or its position in the order."""
     suffix = "V" if what == "cell_voltage" else "C"
+    free = [n for n in free if not (_FLUIDS.search(plain(n)) and _OUTWARD.search(plain(n)))]
     if what == "cell_voltage":
         pattern = r"\b(cell|zelle?|zell\w*|u|v)\b"
     else:

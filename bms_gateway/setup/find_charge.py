@@ -10,7 +10,9 @@ from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import (
     CELL,
     CHARGE,
+    LEVEL,
     NOT_MEASURED,
+    OTHER_THINGS,
     PACK,
     STATISTIC,
     Unit,
@@ -30,6 +32,8 @@ FOLLOWS: Final = 0.9
 """Correlation with the charge drawn."""
 SAID: Final = 3.0
 """Least score of an SOC that may decide the sign of a current."""
+UNSURE: Final = 2.9
+"""Greatest score of a level that only its fall shows to be the SOC: it is proposed, and decides nothing."""
 _STATE: Final = ("state", "level", "zustand", "stand", "etat", "estado", "stato")
 _CHARGE: Final = ("charge", "carga", "carica", "lade")
 
@@ -50,12 +54,14 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
         said = has(mine, CHARGE) or (has(mine, _CHARGE) and has(mine, _STATE) and "target" not in mine)
         unit = unit_of(s.info.unit)
         share = unit is not None and unit.family == "share"
-        if not said or (unit is not None and not share) or s.info.place.size < 6:
+        its = around(s.info)
+        level = not said and share and has(mine, LEVEL) and has((*mine, *its), PACK) and not has(mine, OTHER_THINGS)
+        if not (said or level) or (unit is not None and not share) or s.info.place.size < 6:
             continue
         factor, told = _scale(s, unit)
         if factor is None:
             continue
-        score = 3.0 + 1.5 * share + 0.5 * has((*mine, *around(s.info)), PACK) - 1.0 * has(mine, CELL)
+        score = 3.0 + 1.5 * share + 0.5 * has((*mine, *its), PACK) - 1.0 * has(mine, CELL)
         barred = tuple(w for w in NOT_MEASURED if w not in ("state", "sp"))
         score -= 3.0 * has(
             mine,
@@ -63,7 +69,7 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
             tuple(w for w in STATISTIC if STATISTIC[w] != "mean"),
             ("target", "keep", "related", "correction", "user", "display"),
         )
-        why = ["named as the SOC", *([told] if told else [])]
+        why = ["named as the SOC" if said else "a level of the battery", *([told] if told else [])]
         values = factor * s.x
         steps = np.abs(np.diff(values)) / np.maximum(np.diff(s.t), 1.0)
         if len(steps) and np.quantile(steps, 0.98) > FAST:
@@ -74,6 +80,10 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
         if (agrees := _falls(s, factor, electrical, edges)) is not None:
             score += 1.0 if agrees else -1.0
             why.append("falls as current is drawn" if agrees else "does not follow the current drawn")
+        if level:
+            if not agrees:
+                continue
+            score = min(score, UNSURE)
         found.append(Scored(s, factor, 0.0, float(score), why, unit))
     return sorted(found, key=lambda c: -c.score)
 

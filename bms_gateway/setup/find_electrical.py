@@ -4,16 +4,19 @@ The voltages of the cells add up to the pack's voltage. The pack's voltage falls
 selects one of several currents, and shows its sign.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from bms_gateway.records.current_witness import ALTERNATES, alternates
+from bms_gateway.setup.find_both_ways import BothWays, both_ways
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import (
     CELL,
+    CHARGING,
     CURRENT,
     NOT_MEASURED,
     OTHER_THINGS,
@@ -45,13 +48,18 @@ BOTH_SIGNS: Final = 0.02
 """Least ratio of the two extremes of a current that has both signs."""
 ALTERNATING: Final = 4.0
 """Score taken from a current that alternates from sample to sample."""
+SAME: Final = 0.95
+"""Correlation above which a signal and the two directions of a current are the same current."""
 SAME_MESSAGE: Final = 2.0
 """Score added to a current and a voltage of one message: its sender measures both at one place."""
 
 
 @dataclass(slots=True)
 class Scored:
-    """A candidate: a series with SI = factor · x + shift, its score and the reasons for it."""
+    """A candidate: a series with SI = factor · x + shift, its score and the reasons for it.
+
+    `both_ways` are the two signals of a current that has one for each direction.
+    """
 
     series: Series
     factor: float
@@ -59,6 +67,7 @@ class Scored:
     score: float
     why: list[str]
     unit: Unit | None = None
+    both_ways: BothWays | None = None
 
     @property
     def values(self) -> Floats:
@@ -166,17 +175,43 @@ def pack_voltages(series: list[Series], cells: list[Member], factor: float) -> l
 
 
 def currents(series: list[Series]) -> list[Scored]:
-    """Rank the signals that may be the pack's current by name, unit and movement; Ohm's law is applied later."""
+    """Rank the signals that may be the pack's current by name, unit and movement; Ohm's law is applied later.
+
+    Two signals for the two directions of one current are one candidate, unless a single signal carries this current.
+    """
+    single = _currents(series, {})
+    found, limits = both_ways(series)
+    for c in single:
+        if c.series.path in limits:
+            c.score -= 4.0
+            c.why.append("charge and discharge have a value at once: limits")
+    pairs = [pair for pair in found if not any(_same(pair.net, c) for c in single if c.score > 0.0)]
+    halves = {path for pair in found for path in pair.paths}
+    joined = _currents([pair.net for pair in pairs], {pair.net.path: pair for pair in pairs})
+    return sorted([*joined, *(c for c in single if c.series.path not in halves)], key=lambda c: -c.score)
+
+
+def _same(net: Series, c: Scored) -> bool:
+    """Whether a signal carries the current of both directions."""
+    if c.series.path == net.path or not (c.series.low < 0.0 < c.series.high):
+        return False
+    x = np.interp(net.t, c.series.t, c.series.x)
+    return bool(net.x.std() and x.std() and abs(np.corrcoef(net.x, x)[0, 1]) > SAME)
+
+
+def _currents(series: list[Series], pairs: Mapping[str, BothWays]) -> list[Scored]:
+    """Score signals as currents of the pack; `pairs` are those of two signals, by the path of the joined one."""
     found = []
     for s in series:
         unit, mine, its = unit_of(s.info.unit), named(s.info), around(s.info)
-        said = has(mine, CURRENT)
+        said, pair = has(mine, CURRENT), pairs.get(s.path)
         if (s.info.choices and len(s.info.choices) > 3) or not (unit.family == "current" if unit else said):
             continue
         factor = unit.factor if unit else 1.0
         score = 2.5 * (unit is not None) + 2.0 * said + 1.5 * has(mine, PACK) + 0.75 * has(its, PACK)
         why = [f"unit {s.info.unit}" if unit else "no unit", "named as a current" if said else "not named as one"]
-        if has(mine, NOT_MEASURED, OTHER_THINGS, tuple(STATISTIC)):
+        told = mine if pair is None else tuple(w for w in mine if w not in CHARGING)
+        if has(told, NOT_MEASURED, OTHER_THINGS, tuple(STATISTIC)):
             score -= 4.0
             why.append("its name says something else too")
         if has(its, OTHER_THINGS):
@@ -195,8 +230,10 @@ def currents(series: list[Series]) -> list[Scored]:
         score += 1.0 * both + 0.5 * (s.distinct >= 20)
         if both:
             why.append("has both signs")
-        found.append(Scored(s, factor, 0.0, float(score), why, unit))
-    return sorted(found, key=lambda c: -c.score)
+        if pair is not None:
+            why.append(f"{pair.paths[0]} and {pair.paths[1]} are its two directions: they never flow at once")
+        found.append(Scored(s, factor, 0.0, float(score), why, unit, pair))
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +291,9 @@ class Electrical:
         Of both signals, their relation included.
     cell_V : float
         Voltage of one cell, if the bus has no voltages of single cells.
+    cells_of : str
+        Which cells these are and why; empty if the bus sends the greatest or least cell voltage.
+    chemistry_told : bool
     """
 
     current: Scored | None
@@ -264,6 +304,8 @@ class Electrical:
     ohm: Ohm | None = None
     score: float = 0.0
     cell_V: float = NOMINAL_V
+    cells_of: str = ""
+    chemistry_told: bool = False
 
 
 def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) -> Electrical:

@@ -127,11 +127,16 @@ def _whole_modules(proposal: Proposal, thermocouples: int, series: list[Series])
             if len(group) != thermocouples or abs(factor * middles.sum() / pack - 1) > ADDS_UP:
                 continue
             each = factor * float(np.median(middles))
-            count = round(each / (extreme_cell_V(series) or NOMINAL_V))
+            count = round(each / (extreme_cell_V(series) or _of_one(pack, proposal)))
             if count < 2 or not CELL_V[0] < each / count < CELL_V[1]:
                 continue
             return _Modules(group, factor, count, each / count)
     return None
+
+
+def _of_one(pack_V: float | None, proposal: Proposal) -> float:
+    """Voltage of one cell by the proposed number of cells in series."""
+    return pack_V / proposal.series_cells if pack_V is not None and proposal.series_cells else NOMINAL_V
 
 
 def _take(proposal: Proposal, places: list[Proposed], whole: _Modules) -> None:

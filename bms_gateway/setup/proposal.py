@@ -1,7 +1,7 @@
 """The proposal: the role of each signal, whether it is sure, and why."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.errors import ConfigError
@@ -30,6 +30,10 @@ class Proposed:
         `max`, `min` or `mean` for a reading of several cells; without `index` of all cells of the string.
     against : list of str
         Reasons from other signals against it.
+    way : str or None
+        `discharge` or `charge` for one of the two signals of a current.
+    halves : tuple of Proposed
+        Both signals of such a current; `series` is then their sum.
     """
 
     role: Role
@@ -43,6 +47,18 @@ class Proposed:
     overrides: dict[str, float | str | bool] = field(default_factory=dict)
     statistic: str | None = None
     against: list[str] = field(default_factory=list)
+    way: str | None = None
+    halves: tuple["Proposed", ...] = ()
+
+    @property
+    def single(self) -> tuple["Proposed", ...]:
+        """The signals one by one: both halves of a current that two signals carry, or this one."""
+        if not self.halves:
+            return (self,)
+        return tuple(
+            replace(h, sure=self.sure, string=self.string, why=[*self.why, *h.why], against=self.against)
+            for h in self.halves
+        )
 
     @property
     def path(self) -> str:

@@ -1,8 +1,6 @@
 """Proposes the role of each signal of an unknown vehicle, from names, units and data."""
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
@@ -15,9 +13,7 @@ from bms_gateway.setup.bit_contradictions import range_of
 from bms_gateway.setup.find_charge import charges, sign_by_charge
 from bms_gateway.setup.find_electrical import (
     ADDS_UP,
-    CELL_OHM,
     CELL_V,
-    NOMINAL_V,
     Electrical,
     Scored,
     cell_voltages,
@@ -37,6 +33,7 @@ from bms_gateway.setup.lumps import NOT_KNOWN, place_lumps
 from bms_gateway.setup.multiplexing import told_of_selectors
 from bms_gateway.setup.overlaps import leave_out_overlaps
 from bms_gateway.setup.own_traffic import own_signals
+from bms_gateway.setup.place_electrical import AGAINST, count_in_series, place_current, place_voltage, put, tell_rights
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
 from bms_gateway.setup.readable import Rights, readable
 from bms_gateway.setup.signal_series import Series
@@ -44,25 +41,19 @@ from bms_gateway.setup.signal_words import OTHER_THINGS, around, has, named, uni
 from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.setup.witnessed import hear_witnesses, measure_heat
+from bms_gateway.thermal.cells import Chemistry
 
-CLEAR: Final = 2.0
-"""Least lead over the next candidate at which a choice is sure."""
 LONG_S: Final = 120.0
-AGAINST: Final = "the pack's voltage and the SOC contradict each other about the sign of the current"
-LEAST_A: Final = 1.0
-"""Least range of a current of a vehicle that drives."""
 LEAST_S: Final = 60.0
 """In a shorter log no choice is sure."""
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
-SLIPS: Final = (1e-3, 0.1, 1e-2, 10.0, 1e3)
-"""Factors by which a scale may be wrong, the likeliest first: thousandths for whole units."""
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
 """Order of the roles in a proposal: signals of the pack, then those of cells."""
 NOTHING: Final[Mapping[str, Role]] = MappingProxyType({})
 NO_ROLE: Final = "its name and its values fit no role"
 
 
-def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal:
+def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING, chemistry: Chemistry | None = None) -> Proposal:
     """Find the signals of the pack's current, voltage, SOC, coolant, thermocouples and cell voltages.
 
     Parameters
@@ -71,6 +62,8 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
         Traffic with a DBC; messages that are not in the DBC are ignored.
     refused : mapping of signal to role
         Roles that a person has refused for a signal: the next best signal is proposed.
+    chemistry : Chemistry or None
+        Of the cells, where a person has named them: it gives their number in series, if no cell voltage does.
 
     Returns
     -------
@@ -98,14 +91,16 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     if warm is not None:
         _not_fitted(proposal, warm, dead)
     if strings is not None:
+        _count_each(strings, series, edges, chemistry)
         _strings(proposal, strings, factor, rights, placed, edges)
         electrical = next(iter(strings.own.values())).electrical
     else:
         electrical = together(candidates, voltages, edges)
-        electrical.cell_V = extreme_cell_V(series) or electrical.cell_V
-        sign = _by_charge(charges(series, electrical, edges), electrical, edges)
-        _voltage(proposal, electrical, cells, factor, rights, ())
-        contradicted = _current(proposal, electrical, rights, (), sign)
+        charge = charges(series, electrical, edges)
+        count_in_series(electrical, charge, extreme_cell_V(series), edges, chemistry)
+        sign = _by_charge(charge, electrical, edges)
+        place_voltage(proposal, electrical, cells, factor, rights, ())
+        contradicted = place_current(proposal, electrical, rights, (), sign)
         if len(placed) > 1 and not _in_series(proposal, cells, factor):
             _doubt(
                 proposal,
@@ -114,7 +109,7 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
             )
     if warm is not None:
         for p in of_several(proposal, warm):
-            _told(p, rights)
+            tell_rights(p, rights)
             proposal.signals.append(p)
     parts = _parts(proposal)
     _cell_voltages(proposal, cells, factor, rights, parts)
@@ -165,6 +160,15 @@ def _place(
     return _surfaces(proposal, warm, rights, seconds, volted)
 
 
+def _count_each(
+    strings: Strings, series: list[Series], edges: NDArray[np.float64], chemistry: Chemistry | None
+) -> None:
+    """Find the voltage of one cell of each string."""
+    for own in strings.own.values():
+        charge = own.charge or charges(series, own.electrical, edges)
+        count_in_series(own.electrical, charge, extreme_cell_V(series), edges, chemistry)
+
+
 def _strings(
     proposal: Proposal,
     strings: Strings,
@@ -177,8 +181,8 @@ def _strings(
     resistances = []
     for part, own in strings.own.items():
         sign = _by_charge(own.charge, own.electrical, edges)
-        _voltage(proposal, own.electrical, own.cells, factor, rights, placed[part])
-        against = _current(proposal, own.electrical, rights, placed[part], sign)
+        place_voltage(proposal, own.electrical, own.cells, factor, rights, placed[part])
+        against = place_current(proposal, own.electrical, rights, placed[part], sign)
         resistances.append(proposal.resistance)
         _single(proposal, "soc", own.charge, rights, placed[part], against)
     measured = [r for r in resistances if r is not None]
@@ -228,117 +232,6 @@ def _in_series(proposal: Proposal, cells: list[Member], factor: float) -> bool:
     )
 
 
-def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
-    """Assign a signal to the whole pack, or to the given strings of the model."""
-    if not strings:
-        proposal.signals.append(p)
-    for string in strings:
-        proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides), against=[]))
-
-
-def _current(
-    proposal: Proposal, e: Electrical, rights: Rights, strings: Sequence[int], by_charge: float | None
-) -> bool:
-    """Assign the current; return whether the SOC contradicts its sign."""
-    c = e.current
-    if c is None or c.score < 1.5:
-        return False
-    why = list(c.why)
-    scale = _signed(proposal, e, c, by_charge, why)
-    if c.series.low * c.factor >= 0 and c.series.info.raw_limits[0] >= 0 and c.series.info.offset == 0:
-        why.append("it never goes below 0: current in the other direction is not measured")
-    sure = c.unit is not None and c.score > 3.5 and e.lead > CLEAR and not c.series.constant
-    moves = np.ptp(c.values) >= LEAST_A
-    if not moves:
-        why.append(f"it moves by less than {LEAST_A:g} A in this log")
-    against = e.told and by_charge is not None and by_charge != e.sign
-    if against:
-        why.append(AGAINST)
-    sure = sure and bool(moves) and not against and (e.told or by_charge is not None)
-    sure = sure and math.isclose(abs(scale), abs(c.factor))  # the factor by which a scale is wrong is a guess
-    p = Proposed("current", c.series, scale, 0.0, sure=sure, why=why)
-    _told(p, rights)
-    _put(proposal, p, strings)
-    return against
-
-
-def _voltage(
-    proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
-) -> None:
-    """Assign the voltage, and determine the number of cells in series."""
-    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else e.cell_V
-    total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
-    if e.voltage is None or e.voltage.score <= 0.5:
-        if np.isfinite(total):
-            proposal.series_cells = len(cells)
-        return
-    adds = bool(np.isfinite(total) and abs(e.voltage.middle / total - 1) < ADDS_UP)
-    proposal.series_cells = len(cells) if adds else max(round(e.voltage.middle / middle), 1)
-    sure = e.voltage.unit is not None and (adds or e.told) and e.voltage.score > 3.0
-    sure = sure and not has(named(e.voltage.series.info), OTHER_THINGS)
-    p = Proposed("voltage", e.voltage.series, e.voltage.factor, 0.0, sure=sure, why=list(e.voltage.why))
-    if not adds and proposal.series_cells > 1:
-        known = not cells and e.cell_V != NOMINAL_V
-        told = (
-            f"there are {proposal.series_cells} cells in series: {e.voltage.middle:.4g} V at {middle:.3g} V each, by "
-            "the signals of the greatest and least cell voltage"
-            if known
-            else f"that there are {proposal.series_cells} cells in series is a guess: {e.voltage.middle:.4g} V at "
-            f"{middle:.3g} V each; no voltages of single cells add up to it"
-        )
-        p.why.append(told)
-        if not known and not any("cells in series is a guess" in r for r in proposal.remarks):
-            proposal.remarks.append(told)
-    _told(p, rights)
-    _put(proposal, p, strings)
-
-
-def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | None, why: list[str]) -> float:
-    """Factor to A (discharge positive), and the reasons; the pack's resistance, if the voltage determines the sign."""
-    scale, told = e.sign * c.factor, True
-    if e.told and e.ohm is not None:
-        falls = "falls" if e.sign > 0 else "rises"
-        why.append(f"the pack's voltage {falls} as it rises (correlation of their steps {e.ohm.correlation:+.2f})")
-    elif by_charge is not None:
-        scale = by_charge * c.factor
-        why.append(f"the SOC {'falls' if by_charge > 0 else 'rises'} as it counts up")
-    else:
-        told = False
-        why.append("the data do not show its sign: positive is assumed to be discharge")
-    if told and scale * c.factor < 0:
-        why.append("so it is positive on charge, and its sign is turned")
-    if e.told and e.ohm is not None:
-        scale *= _slipped(abs(e.ohm.resistance) / (proposal.series_cells or 1), c, why)
-        # counts of an unknown scale give no resistance
-        counts = c.unit is None and not c.series.low <= 0.0 <= c.series.high
-        if e.ohm.fine and abs(e.ohm.correlation) > 0.4 and not counts:
-            proposal.resistance = abs(e.ohm.resistance * c.factor / scale)
-    return scale
-
-
-def _slipped(per_cell: float, c: Scored, why: list[str]) -> float:
-    """Factor by which a unit is wrong, if the resistance of the cells were impossible; otherwise 1."""
-    if CELL_OHM[0] <= per_cell <= CELL_OHM[1]:
-        return 1.0
-    # a current too large by a factor makes the resistance too small by the same factor
-    fitting = [f for f in SLIPS if 3 * CELL_OHM[0] <= per_cell / f <= CELL_OHM[1] / 3]
-    if not fitting:
-        return 1.0
-    stated, factor = c.series.info.unit or "no unit", fitting[0]
-    cells = ", ".join(f"times {f:g} they have {1e3 * per_cell / f:.2g} mΩ" for f in fitting)
-    why.append(f"the DBC's scale contradicts the data: {stated} would give cells of {1e3 * per_cell:.2g} mΩ; {cells}")
-    return factor
-
-
-def _told(p: Proposed, rights: Rights) -> None:
-    overrides, why = rights.get(p.path, ({}, []))
-    p.overrides.update(overrides)
-    p.why += why
-    p.why += [f"{n} of {p.series.seen} samples left out: {reason}" for reason, n in p.series.dropped.items()]
-    if overrides:
-        p.sure = False
-
-
 def _surfaces(
     proposal: Proposal, warm: Surfaces, rights: Rights, seconds: float, volted: dict[int, int]
 ) -> dict[int, list[int]]:
@@ -370,7 +263,7 @@ def _surfaces(
                     p.why.append("slow, as cells are")
                 elif s.constant:
                     p.why.append(f"stands at {warm.factor * s.x[0] + warm.shift:.4g} °C for all of {seconds:.0f} s")
-                _told(p, rights)
+                tell_rights(p, rights)
                 proposal.signals.append(p)
     proposal.unused += [(s.path, why) for s, why in (*warm.refused, *warm.passed)]
     proposal.refused |= {s.path for s, _ in warm.refused}
@@ -432,7 +325,7 @@ def _cell_voltages(
             why.append(NOT_KNOWN)
         p = Proposed("cell_voltage", m.series, factor, 0.0, string, index, why=why)
         p.sure = len(cells) > 1 and unit_of(m.series.info.unit) is not None and not m.series.constant
-        _told(p, rights)
+        tell_rights(p, rights)
         proposal.signals.append(p)
 
 
@@ -456,12 +349,12 @@ def _single(
         p.why.append(AGAINST)
     if lead < 1.0:
         p.why.append(f"{usable[1].series.path} is nearly as likely")
-    _told(p, rights)
-    _put(proposal, p, strings)
+    tell_rights(p, rights)
+    put(proposal, p, strings)
 
 
 def _ranges(proposal: Proposal) -> None:
-    for p in proposal.signals:
+    for p in (half for whole in proposal.signals for half in (whole.halves or (whole,))):
         low, high = INPUTS[p.role].plausible
         if p.factor == 0.0:
             continue
@@ -474,7 +367,7 @@ def _ranges(proposal: Proposal) -> None:
 
 def _rest(proposal: Proposal, series: list[Series], candidates: list[Scored], voltages: list[Scored]) -> None:
     """Note the reason for each other signal that was considered and is not used."""
-    used = {p.path for p in proposal.signals} | {path for path, _ in proposal.unused}
+    used = {half.path for p in proposal.signals for half in p.single} | {path for path, _ in proposal.unused}
     ranked = {c.series.path: c for c in (*candidates, *voltages)}
     for s in series:
         if s.path in used:

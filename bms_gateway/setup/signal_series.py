@@ -153,11 +153,15 @@ def _series(info: SignalInfo, t: Floats, x: Floats, flag: NDArray[np.uint8]) -> 
         dropped[f"at the end of its bits ({shown})"] = int(ends.sum())
         keep &= ~ends
     outside = int((flag[keep] == int(Quality.OUT_OF_RANGE)).sum())
-    s = Series(info, np.asarray(t[keep]), np.asarray(x[keep]), len(x), dropped, outside)
+    return described(Series(info, np.asarray(t[keep]), np.asarray(x[keep]), len(x), dropped, outside))
+
+
+def described(s: Series) -> Series:
+    """Set the statistics of the values of a series, and return it."""
     if len(s.x):
         values, counts = np.unique(s.x, return_counts=True)
         s.distinct, s.mode_share = len(values), float(counts.max() / len(s.x))
-        s.step = _resolution(values) if len(values) > 1 else abs(info.resolution)
+        s.step = _resolution(values) if len(values) > 1 else abs(s.info.resolution)
         s.low, s.middle, s.high = (float(q) for q in np.quantile(s.x, (0.02, 0.5, 0.98)))
     return s
 

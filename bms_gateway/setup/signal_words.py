@@ -34,6 +34,13 @@ TEMPERATURE: Final = _list("""
 CHARGE: Final = _list("""
     soc rsoc socui ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge dianliang
     """)
+DISCHARGE: Final = _list("""
+    discharge discharging dischg dischrg dschg disch dchg dchrg dsg dsch dis entlade entladen entladung decharge
+    descarga scarica ontladen ontlaad fangdian
+    """)
+CHARGING: Final = _list("""
+    charge charging chg chrg chr lade laden ladung recharge carga carica opladen laad chongdian
+    """)
 FLOW: Final = _list("flow durchfluss volumenstrom flowrate debit")
 PACK: Final = _list("""
     pack batt battery bat hv hvb hvbat traction main total bus bms bmu bcu bmc string ess ress lb dc akku accu
@@ -55,7 +62,7 @@ OTHER_THINGS: Final = _list("""
     wechselrichter umrichter habitacle innenraum innen kabine cabine cabina huile olie olio aceite reifen bremse frein
     getriebe evse ccs plug connector socket heizung heizer heizkreis dianji diankong chongdian phasen fazowy
     brd bd fet tarjeta carte karte platine leiterplatte scheda placa heatsink kuehlkoerper elektronik electronics elek
-    balancer
+    balancer transmission gearbox hydraulic washer
     """)
 NOT_MEASURED: Final = _list("""
     limit limits lim max min maximum minimum allowed avail available request req cmd command target setpoint set
@@ -84,15 +91,21 @@ STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
 COOLANT: Final = _list("""
     coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso liquide refrigerante
     koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid lengque
-    lengqueye jinshui jinkou eintritt einlass zulauf zuluft
+    lengqueye jinshui jinkou eintritt einlass zulauf zuluft brine sole antifreeze wasser
+    kuehlwasser waterglycol
     """)
 INWARD: Final = _list("""
-    inlet in vorlauf supply entry entree entrada ingresso aanvoer jinshui jinkou eintritt einlass zulauf zuluft
+    inlet in vorlauf supply entry entree entrada ingresso aanvoer jinshui jinkou eintritt einlass zulauf zuluft feed
+    inflow intake upstream incoming entering mandata impulsion vl
     """)
 OUTWARD: Final = _list("""
     outlet out return ruecklauf austritt auslass ablauf abluft exit back retour sortie salida uscita chushui chukou
-    huishui
+    huishui rl outflow downstream outgoing leaving drain abfluss ritorno retorno vuelta afvoer
     """)
+LEVEL: Final = _list("gauge level remaining capacity fuel fuellstand restkapazitaet nivel livello niveau")
+"""Words that mean the charge only for a ratio of the battery which falls as current is drawn."""
+WHOLE_WORDS: Final = _list("feedback drawback setback playback payback rollback fallback")
+"""Words that are not cut into others."""
 AMBIENT: Final = _list("""
     ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten env environment oat
     ots huanjing aussentemp aussentemperatur aussenluft umgebungstemperatur umg luft
@@ -171,8 +184,8 @@ def unit_of(text: str) -> Unit | None:
 
 _KNOWN: Final = frozenset(
     w
-    for group in (CURRENT, VOLTAGE, TEMPERATURE, CHARGE, FLOW, PACK, CELL, SENSED, OTHER_THINGS, NOT_MEASURED,
-                  STATISTIC, COOLANT, OUTWARD, AMBIENT)
+    for group in (CURRENT, VOLTAGE, TEMPERATURE, CHARGE, DISCHARGE, CHARGING, FLOW, PACK, CELL, SENSED, OTHER_THINGS,
+                  NOT_MEASURED, STATISTIC, COOLANT, OUTWARD, AMBIENT, LEVEL, WHOLE_WORDS)
     for w in group
 )  # fmt: skip
 _SHORTEST: Final = 3

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.setup.find_charge import charges
-from bms_gateway.setup.find_electrical import Electrical, Scored, extreme_cell_V, together
+from bms_gateway.setup.find_electrical import Electrical, Scored, together
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import has, words
@@ -92,13 +92,10 @@ def own_strings(
         best, pairs = found[0]
         lead = best - found[1][0] if len(found) > 1 else 9.0
         own = {}
-        cell_V = extreme_cell_V(series)
         for key, e in pairs.items():
             charge = [g[key] for g in _split(charges(series, e, edges), keys)]
             mine = _cells_of(cells, keys, key)
-            own[key] = Own(
-                replace(e, lead=lead, cell_V=cell_V or e.cell_V), sorted(charge, key=lambda c: -c.score), mine
-            )
+            own[key] = Own(replace(e, lead=lead), sorted(charge, key=lambda c: -c.score), mine)
         members = [replace(m, part=key) for m, key in zip(surfaces, numbers, strict=True)]
         return Strings(members, own, _total(pairs, candidates, edges))
     return None

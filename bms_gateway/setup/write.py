@@ -135,7 +135,8 @@ def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], li
         return [os.path.relpath(p, out) for p in traffic.dbc], []
     path = out / "vehicle.dbc"
     comment = "The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init."
-    infos = [traffic.messages[p.series.info.message].signals[p.series.info.name] for p in proposal.signals]
+    used = [half.series.info for p in proposal.signals for half in p.single]
+    infos = [traffic.messages[info.message].signals[info.name] for info in used]
     with whole_text(path) as file:
         file.write(format_dbc(traffic.messages.values(), infos, comment))
     return [path.name], [path]
@@ -365,7 +366,7 @@ def _channel(logs: list[Path]) -> str:
 
 def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     current = next(proposal.of("current", string))
-    lines = _line("current", current)
+    lines = _current(current)
     inlet = next(proposal.of("coolant_inlet", string), None)
     if inlet is not None:
         lines += _line("coolant_inlet", inlet)
@@ -392,6 +393,15 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         for p in sorted(volted, key=lambda p: p.index or 0):
             lines += _line(str(p.index), p)
     return lines
+
+
+def _current(p: Proposed) -> list[str]:
+    """Lines of the current: one, or one for each direction where two signals carry it."""
+    if not p.halves:
+        return _line("current", p)
+    why = [f"# current: {' '.join(text.split())}" for text in p.why if "left out" not in text]
+    halves = [replace(half, why=own.why) for half, own in zip(p.single, p.halves, strict=True)]
+    return [*why, *(line for half in halves for line in _line(f"current.{half.way}", half))]
 
 
 def _spare(proposal: Proposal, p: Proposed) -> bool:

@@ -116,7 +116,7 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     words = str((files.get("form") or {}).get("cell") or "").strip()
     cell = cell_of(words) if words else None
     traffic = read_traffic(logs, [_beside(Path(d), folder) for d in files["dbc"]])
-    proposal = propose(traffic)
+    proposal = propose(traffic, chemistry=cell.chemistry if cell is not None else None)
     if (why_not := missing(proposal, traffic)) is not None:
         raise UsageError(why_not.replace(": give the vehicle's DBC with --dbc", ": drop the vehicle's DBC too"))
     string = files.get("string") or "string_1"
@@ -142,7 +142,8 @@ def taken_for(p: Proposed) -> str:
     key = "" if label.lower() == p.role else f" ({p.role}{'' if p.index is None else f' {p.index}'})"
     low, high = p.observed
     sure = "" if p.sure else " (likely, not sure: check it)"
-    return f"{label}{where}{key}: {p.path}, {low:.4g} to {high:.4g}{sure}."
+    paths = " and ".join(half.path for half in p.single)
+    return f"{label}{where}{key}: {paths}, {low:.4g} to {high:.4g}{sure}."
 
 
 def _beside(dbc: Path, folder: Path) -> Path:

@@ -84,10 +84,13 @@ def cell_of(text: str) -> CellFacts:
     >>> c = cell_of("21700, 5Ah, 69g, 25mOhm, forced, 2p")
     >>> c.capacity_Ah, c.parallel, c.cooling
     (5.0, 2, 'forced')
+    >>> cell_of("21700,5Ah,69g").capacity_Ah
+    5.0
     >>> cell_of("21700 5Ah, a fan").cooling, cell_of("pouch 290x216x7.1mm cold plate").name
     ('forced', 'pouch 290x216x7.1mm plate')
     """
-    if (comma := re.search(r"\d,\d+[a-zA-ZΩ]*", text)) is not None:
+    text = re.sub(r"\b(\d{4,5}),(?=\d)", r"\1 ", text)  # after a format, a comma parts two words
+    if (comma := re.search(r"\d+,\d+[a-zA-ZΩ]*", text)) is not None:
         raise UsageError(f"cell: '{comma[0]}': decimals take a point, as '{comma[0].replace(',', '.')}'")
     told = _APART.sub(r"\1\2", _TIMES.sub("x", text.strip()))  # "280 Ah", "174 x 207 x 72 mm"
     for pattern, word in _ALSO.items():

@@ -8,9 +8,10 @@ from tests.cli.bad_inputs.configs import CONFIGS
 from tests.cli.bad_inputs.dbcs import DBCS
 from tests.cli.bad_inputs.logs import LOGS
 from tests.cli.bad_inputs.models import MODELS
+from tests.cli.bad_inputs.newcomers import NEWCOMERS
 from tests.cli.bad_inputs.strangers import STRANGERS
 from tests.cli.bad_inputs.tables import TABLES
 
 __all__ = ["ALL", "Case"]
 
-ALL: tuple[Case, ...] = (*TABLES, *LOGS, *DBCS, *CONFIGS, *MODELS, *STRANGERS)
+ALL: tuple[Case, ...] = (*TABLES, *LOGS, *DBCS, *CONFIGS, *MODELS, *STRANGERS, *NEWCOMERS)
