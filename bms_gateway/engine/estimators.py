@@ -165,7 +165,7 @@ class Estimators:
             heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
         measured = Driven(I2, I, heat, inlet, flow)
         of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
-        e = group.observed.step(readings, measured, believed - group.constant, age, of)
+        e = group.observed.step(readings, measured, believed, age, of)
         square, inlet = group.observed.plainly(measured)
         heating = square * group.observed.by_warmth()  # with R_e where it is known; identifiers find B themselves
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd

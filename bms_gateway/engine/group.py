@@ -25,8 +25,8 @@ GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
 LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
-UNSURE = 0.5
-"""Share of a thermocouple's constant error that stays unknown: some of it may be that of its cell."""
+MISREAD_K = 1.0
+"""Constant error of a thermocouple that is told: more than twice what is usual."""
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)
 
@@ -53,10 +53,8 @@ class Group:
         NaN for each string: value of a quantity that none of them has.
     doubt : ndarray (S, 1) or None
         Additional share of core minus surface that may be wrong beyond the observer's band; None if it is zero.
-    constant : ndarray (S, n)
-        Constant errors that windows found of the cells' thermocouples, K.
     misread : ndarray (S, n) or None
-        What is unknown of them, as it acts on the cores, K; None if none was found.
+        What constant errors of the thermocouples may have done to the cores, K; None if none was found.
     watch : HeatWatch or None
         Watch over heat that no current makes; None if a string has no sensor that belongs to one cell.
     errors : Errors or None
@@ -81,7 +79,6 @@ class Group:
     floor: Floor
     watch: HeatWatch | None
     contradicted: Contradicted
-    constant: Floats
     misread: Floats | None = None
     errors: Errors | None = None
     heat: Floats | None = None
@@ -113,7 +110,6 @@ class Group:
             Floor.of([s.plan.model for s in mine]),
             _watch(mine, dt, observed.shares),
             Contradicted.of(len(mine), mine[0].plan.model.cells),
-            np.zeros((len(mine), mine[0].plan.model.cells)),
         )
 
     def reveal(self, j: int) -> None:
@@ -122,10 +118,10 @@ class Group:
         if found is not None and (found.any() or self.misread is not None):
             if self.misread is None:
                 self.misread = np.zeros((len(self.members), self.cells))
-            p, sensed = self.observed.observer.parameters[j], np.array(self.strings[j].plan.model.sensors) - 1
-            of_cell = np.interp(np.arange(self.cells), sensed, found[sensed])  # by the nearest thermocouples
-            self.constant[j] = found
-            self.misread[j] = UNSURE * np.abs(of_cell) * (1.0 + p.R_c / p.R_u)  # a core lies farther from the coolant
+            p, sensed = self.observed.observer.parameters[j], np.sort(self.strings[j].plan.model.sensors) - 1
+            of_cell = np.interp(np.arange(self.cells), sensed, np.abs(found[sensed]))  # by the nearest thermocouples
+            self.misread[j] = of_cell * (1.0 + p.R_c / p.R_u)  # a core lies farther from the coolant
+            self.strings[j].misread = tuple((k + 1, float(x)) for k, x in enumerate(found) if abs(x) >= MISREAD_K)
         if self.watch is not None:
             self.watch.set_parameters(j, self.observed.observer.parameters[j])
 
