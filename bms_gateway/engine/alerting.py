@@ -133,7 +133,7 @@ class Alerting:
             if silent or pause_s >= PAUSE_S:  # forecasts go on for a while, of a load that nobody measures
                 nearing.silent(pause_s)
             elif s.forecast is not None and s.forecast.time_ns == t1:
-                nearing.take(s.forecast.approach(), s.forecast.peak)
+                nearing.take(s.forecast.approach(), s.forecast.peak, s.forecast.unknown)
         now = list(self._conditions(quiet=pause_s >= QUIET_S))
         self._endings.see(now, quiet=pause_s >= QUIET_S)
         changes = self.alerts.update(now_s, now, last=silent)

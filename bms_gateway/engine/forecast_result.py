@@ -77,6 +77,11 @@ class Forecast:
         """The hottest of all points within ten minutes, °C; NaN if nothing is known."""
         return float(np.fmax.reduce(self.course, axis=None))
 
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Cells, from 1, whose hottest points are not known."""
+        return tuple((np.flatnonzero(np.isnan(self.course).any(axis=0)) + 1).tolist())
+
     def approach(self) -> Approach | None:
         """Describe the cell that reaches the limit first; None if no cell does within ten minutes."""
         if (k := self.first) is None:

@@ -2,10 +2,10 @@
 
 A forecast is made every ten seconds. The warning begins when two forecasts in a row reach the limit within ten minutes.
 It ends when the forecasts of two minutes stay `BACK_K` below the limit, or when the limit is reached: then the alarm
-of the limit takes over.
+of the limit takes over. It does not end while the hottest point of its cell is not known.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 
@@ -75,7 +75,7 @@ class Nearing:
         self._for = self._against = 0
         self.condition = None
 
-    def take(self, approach: Approach | None, hottest_C: float) -> None:
+    def take(self, approach: Approach | None, hottest_C: float, unknown: Collection[int] = ()) -> None:
         """Take in a forecast.
 
         Parameters
@@ -84,18 +84,24 @@ class Nearing:
             None: no cell that is below the limit reaches it within ten minutes.
         hottest_C : float
             Greatest temperature of any hottest point within ten minutes; NaN where unknown.
+        unknown : collection of int
+            Cells, from 1, whose hottest points are not known.
         """
         if approach is not None and approach.in_s <= 0.0:  # the limit is reached: its own alarm takes over
             self.forget(f"hottest point of cell {approach.cell} has reached {self._limit:g} °C")
             return
         if approach is None:
             self._for = 0
-            self._against = self._against + 1 if not hottest_C > self._limit - BACK_K else 0
+            known = isfinite(hottest_C) and (self._last is None or self._last.cell not in unknown)
+            self._against = self._against + 1 if known and hottest_C <= self._limit - BACK_K else 0
             self._since += 1
             if self._against >= BACK_HOLD:
-                self.forget(self._below(hottest_C))
+                self.forget(
+                    f"the load does not lead to {self._limit:g} °C any more: at most {hottest_C:.1f} °C within 10 min"
+                )
             if self.condition is not None and self._last is not None:
-                self.condition = replace(self.condition, text=self._past(self._last, hottest_C))
+                text = self._past(self._last, hottest_C) if known else self._unknown(self._last)
+                self.condition = replace(self.condition, text=text)
             return
         self._for, self._against, self._since, self._last = self._for + 1, 0, 0, approach
         if self._for >= HOLD or self.condition is not None:
@@ -111,19 +117,21 @@ class Nearing:
             )
             self.condition = replace(self.condition, text=text)
 
-    def _below(self, hottest_C: float) -> str:
-        """Say that the warning has ended because no forecast has led to the limit for a while."""
-        if isfinite(hottest_C):
-            return f"the load does not lead to {self._limit:g} °C any more: at most {hottest_C:.1f} °C within 10 min"
-        return f"no forecast says any more that {self._limit:g} °C is reached: the temperatures are not known"
-
     def _past(self, a: Approach, hottest_C: float) -> str:
         """Say that the present load does not lead to the limit, but the load of a moment ago did."""
-        most = f" (at most {hottest_C:.1f} °C within 10 min)" if isfinite(hottest_C) else ""
+        return (
+            f"{self._was(a)}; the present load does not lead to it (at most {hottest_C:.1f} °C within 10 min); if the "
+            f"load comes back: {_held(a.permitted_A)}"
+        )
+
+    def _unknown(self, a: Approach) -> str:
+        """Say that the cell which was to reach the limit is not known any more."""
+        return f"{self._was(a)}; it is not known any more: treat the cell as hot, lower the current or cool the string"
+
+    def _was(self, a: Approach) -> str:
         return (
             f"hottest point of cell {a.cell} was to reach {self._limit:g} °C at the load of "
-            f"{duration(EVERY_S * self._since)} ago ({_load(a.load_A)}); the present load does not lead to it{most}; "
-            f"if the load comes back: {_held(a.permitted_A)}"
+            f"{duration(EVERY_S * self._since)} ago ({_load(a.load_A)})"
         )
 
     def _told(self, a: Approach) -> Condition:

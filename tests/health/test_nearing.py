@@ -3,6 +3,8 @@
 from dataclasses import replace
 from math import inf, nan
 
+import pytest
+
 from bms_gateway.health.alerts import Severity
 from bms_gateway.health.nearing import Approach, Nearing
 
@@ -57,7 +59,7 @@ def test_a_load_that_swings_makes_one_warning() -> None:
     assert told == 1
 
 
-def test_it_is_over_when_the_limit_is_reached_or_nothing_is_known() -> None:
+def test_it_is_over_when_the_limit_is_reached() -> None:
     n = Nearing("s", 60.0)
     for end in (lambda: n.take(replace(SOON, in_s=0.0), 61.0), n.forget):
         n.take(SOON, 66.0)
@@ -65,12 +67,26 @@ def test_it_is_over_when_the_limit_is_reached_or_nothing_is_known() -> None:
         assert n.condition is not None
         end()
         assert n.condition is None
+
+
+@pytest.mark.parametrize(("hottest", "unknown"), [(nan, (1, 2, 3)), (36.4, (3,))])
+def test_it_is_not_over_because_its_cell_is_not_known_any_more(hottest: float, unknown: tuple[int, ...]) -> None:
+    # Bug: a cell with a short was not known any more, the others stayed cool, and the warning was over.
+    n = Nearing("s", 60.0)
     n.take(SOON, 66.0)
     n.take(SOON, 66.0)
+    for _ in range(60):
+        n.take(None, hottest, unknown)
+        assert n.condition is not None
+    assert n.condition.text == (
+        "hottest point of cell 3 was to reach 60 °C at the load of 10 min ago (78 A); it is not known any more: treat "
+        "the cell as hot, lower the current or cool the string"
+    )
     for _ in range(12):
         assert n.condition is not None
-        n.take(None, nan)
+        n.take(None, 50.0, (1,))  # of others it does not matter
     assert n.condition is None
+    assert n.why_over == "the load does not lead to 60 °C any more: at most 50.0 °C within 10 min"
 
 
 def test_it_is_another_phase_the_nearer_it_comes_and_says_what_is_doubtful_and_charging() -> None:
