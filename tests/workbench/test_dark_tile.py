@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import write_log
-from bms_gateway.config import shipped
+from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Estimated, Judged
 from bms_gateway.frames.quality import Quality
 from tests.support.vehicle_traffic import traffic
@@ -85,6 +85,17 @@ def test_the_tile_shows_the_surface_and_its_colour(window, log, axe, tmp_path):
         assert colors == ["rgb(255, 255, 255)", "rgb(255, 152, 56)", "rgb(176, 0, 32)", "rgb(255, 255, 255)"]
         title = page.run("return document.querySelectorAll('.live-cell')[2].title")
         assert "surface read 81.0 °C, 0:06:40 ago, at or over its limit of 80 °C" in title
+        title = page.run("return document.querySelector('#hottest-value').innerText")
+        assert "not known" not in title
+        alarmed = dark.replace(
+            "show(p)", "p.alerts = [{level: 'alarm', code: 'core', string: arguments[2], cell: 4, text: ''}]; show(p)"
+        )
+        name = load_config(shipped(EXAMPLE)).plan.strings[0].name
+        page.run(alarmed, LIMIT_C, int(Quality.NOT_AVAILABLE), name)
+        assert page.run("return document.querySelector('#hottest-value').innerText") == "not known"
+        line = page.run("return document.querySelector('#hottest-line').innerText")
+        assert line.startswith(f"In alarm and not known: cell 4 of {name}; hottest of the others: ")
+        assert page.run(f"{TILES}.slice(3, 4).map(c => getComputedStyle(c).backgroundColor)") == ["rgb(176, 0, 32)"]
         wide = "c.scrollWidth > c.clientWidth + 1 || c.scrollHeight > c.clientHeight + 1"
         cut = f"{TILES}.filter(c => {wide}).length"
         assert page.run(cut) == 0

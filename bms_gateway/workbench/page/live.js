@@ -106,12 +106,15 @@ function picture(p) {
   if ($("follow")) $("follow").disabled = p.following;
   banner(p);
   let hot = null;
+  const worse = []; // may be hotter than all that is known
   const dark = p.strings.reduce((n, s) => n + s.core.filter((x) => x === null).length, 0);
   p.strings.forEach((s, i) => {
-    row(rows[i], s, p.state);
+    const burning = inHeat(p, about.strings[i].name).filter((k) => s.core[k] === null);
+    if (burning.length) worse.push(`${burning.length > 1 ? "cells" : "cell"} ${counted(burning.map((k) => k + 1))} of ${about.strings[i].name}`);
+    row(rows[i], s, p.state, burning);
     if (s.hottest !== null && (hot === null || s.centre[s.hottest] > hot.centre)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
   });
-  card("hottest", "Hottest point", hot ? point(hot.centre, hot.within) : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C${dark ? `; ${many(dark, "cell")} not known` : ""}` : "");
+  card("hottest", "Hottest point", worse.length ? "not known" : hot ? point(hot.centre, hot.within) : "not available", worse.length ? `In alarm and not known: ${worse.join(", ")}${hot ? `; hottest of the others: ${point(hot.centre, hot.within)} (${hot.string}, cell ${hot.cell})` : ""}` : hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C${dark ? `; ${many(dark, "cell")} not known` : ""}` : "");
   const b = p.bus;
   card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} ${b.per_s === 1 ? "frame" : "frames"}/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
@@ -192,7 +195,10 @@ function card(id, title, value, line) {
 // Whether it is the core that is not known: a core is known, too, where only its sensor's reading is not available.
 const unknownCore = (s, k) => about.words[s.quality[k]] === "not available" && s.core[k] === null;
 
-function row(r, s, state) {
+// Cells (from 0) of a string with an alarm of heat.
+const inHeat = (p, string) => [...new Set(p.alerts.filter((a) => a.level === "alarm" && a.string === string && a.cell && ["core", "surface", "runaway", "lost_in_heat"].includes(a.code)).map((a) => a.cell - 1))].sort((a, b) => a - b);
+
+function row(r, s, state, burning) {
   r.node.className = `live-string ${state}`;
   const limit = about.limits.core_C;
   for (const c of r.cells) {
@@ -200,22 +206,22 @@ function row(r, s, state) {
     const unknown = unknownCore(s, c.k);
     // a core that is not known hides no surface: its last reading, with its age where it is not new
     const [read, age] = s.read?.[c.k] ?? [null, 0], old = age > OLD_S ? `${age < 120 ? `${Math.round(age)} s` : clock(age)} ago` : "";
-    const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}|${read}|${old}`;
+    const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}|${read}|${old}|${burning.includes(c.k)}`;
     if (c.last === now) continue;
     c.last = now;
     const word = about.words[q], warm = read === null ? -Infinity : read - about.limits.surface_C + limit; // as far below its own limit
-    const hottest = Math.max(core ?? -Infinity, centre ?? -Infinity, warm);
+    const hottest = Math.max(core ?? -Infinity, centre ?? -Infinity, warm, burning.includes(c.k) ? limit : -Infinity);
     put(c.read, read === null ? "" : `surface ${degrees(read)}${old && `, ${old}`}`);
     put(c.core, degrees(core)); put(c.half, unknown ? "not known" : half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
     const [red, green, blue] = core === null && hottest < limit - NEAR_K ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((hottest - limit + BELOW_K) / (BELOW_K - NEAR_K));
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 117 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" || unknown ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `Cell ${c.k + 1}: ${unknown ? `core not known to ${about.available.K} K (1 sd)` : `${word} (${about.why[q] ?? ""})`}; surface ${read === null ? degrees(s.surface[c.k]) : `read ${degrees(read)}`} °C${old && `, ${old}`}${warm >= limit ? `, at or over its limit of ${plain(about.limits.surface_C)} °C` : ""}; hottest point ${point(centre, s.centre_half[c.k])}${Math.max(core ?? -Infinity, centre ?? -Infinity) >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
+    c.node.title = `Cell ${c.k + 1}: ${unknown ? `core not known to ${about.available.K} K (1 sd)` : `${word} (${about.why[q] ?? ""})`}; surface ${read === null ? degrees(s.surface[c.k]) : `read ${degrees(read)}`} °C${old && `, ${old}`}${warm >= limit ? `, at or over its limit of ${plain(about.limits.surface_C)} °C` : ""}${burning.includes(c.k) ? ", in alarm" : ""}; hottest point ${point(centre, s.centre_half[c.k])}${Math.max(core ?? -Infinity, centre ?? -Infinity) >= limit ? `, at or over its limit of ${plain(limit)} °C` : ""} (the colour is that of the hottest point)`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   const unknown = s.core.flatMap((x, k) => (x === null ? [k + 1] : [])); // one of them may be hotter
-  put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${point(s.centre[s.hottest], s.centre_half[s.hottest])}${unknown.length ? `; not known: cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)}` : ""}`);
+  put(r.hottest, s.hottest === null ? "No core known" : `${burning.length ? "Hottest of those that are known" : "Hottest"}: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${point(s.centre[s.hottest], s.centre_half[s.hottest])}${unknown.length ? `; not known: cell${unknown.length > 1 ? "s" : ""} ${counted(unknown)}` : ""}`);
   const f = s.ahead, tight = f ? f.limiting - 1 : 0;
   put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => (x === null ? "not known" : `${degrees(x)} ± ${f.half[i].toFixed(1)}`)).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}${f.discharge[2] || f.charge[2] ? `; ${f.discharge[2]} A discharging or ${f.charge[2]} A charging can be held for 10 min, limited by cell ${f.limiting}` : `; no current keeps every hottest point, with its band, below the limit of ${plain(limit)} °C for 10 min: cell ${f.limiting}, now ${point(s.centre[tight], s.centre_half[tight])}, ${s.centre[tight] >= limit ? "is over it" : "may be over it without a load"}`}` : "");
   put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${fixed(s.growth, 1)} % since commissioning`}` : "");
