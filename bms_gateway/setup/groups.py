@@ -35,7 +35,8 @@ def alike(series: Iterable[Series]) -> list[list[Member]]:
     """Group signals whose names differ by numbers only, or by one letter A, B … that stands for a number.
 
     The last number of the signal's name counts within a part; an earlier one, or that of the message where numbers
-    come again from message to message, tells the part (a module, a stack, a string).
+    come again from message to message, tells the part (a module, a stack, a string). A message without a number goes
+    with those that have its name and a number: BAT_Temps, BAT_Temps2.
 
     Returns
     -------
@@ -43,13 +44,29 @@ def alike(series: Iterable[Series]) -> list[list[Member]]:
         The largest group first; in each the order of part and number. A signal without a number is alone.
     """
     blanked: dict[tuple[str, str, str], dict[tuple[str, ...], list[Entry]]] = defaultdict(lambda: defaultdict(list))
-    for s in series:
+    some = list(series)
+    plain = {s.info.message for s in some}
+    first = {_base(m) for m in map(_pattern, plain) if m.endswith("#") and _base(m) in plain}
+    for s in some:
         pattern, mine = numbers(s.info.name)
         message, theirs = numbers(s.info.message)
+        if message in first:
+            theirs = (0,)
+        elif message.endswith("#") and _base(message) in first:
+            message = _base(message)
         (pattern, my_letters), (message, its_letters) = lettered(pattern), lettered(message)
         blanked[message, pattern, s.info.unit][*its_letters, *my_letters].append((s, theirs, mine))
     groups = [_numbered(group) for variants in blanked.values() for group in _by_letter(variants)]
     return sorted(groups, key=len, reverse=True)
+
+
+def _pattern(message: str) -> str:
+    return numbers(message)[0]
+
+
+def _base(pattern: str) -> str:
+    """Name of a message without the number at its end."""
+    return pattern.removesuffix("#").rstrip("_ ")
 
 
 def _by_letter(variants: dict[tuple[str, ...], list[Entry]]) -> list[list[Entry]]:

@@ -136,6 +136,18 @@ def test_a_counter_with_a_unit_is_no_temperature(tmp_path) -> None:
     assert "counter" in dict(found.unused)["Thermal_CellTempCycle.CellTempCycle"]
 
 
+def test_a_family_whose_first_message_has_no_number_is_one(tmp_path) -> None:
+    # Bug: of a family in BAT_Temps and BAT_Temps2 the second message was left out, and with it the hottest cells.
+    vehicle = plain({}, unit="degC")
+    for m, (message, first, count) in enumerate((("BAT_Temps", 1, 4), ("BAT_Temps2", 5, 2))):
+        vehicle.dbc += f"\nBO_ {910 + m} {message}: 8 B"
+        for j in range(count):
+            vehicle.dbc += f'\n SG_ NTC_{first + j} : {16 * j}|16@1- (0.1,0) [0|0] "degC" B'
+            vehicle.values[f"{message}.NTC_{first + j}"] = WARM[:, first + j - 1]
+    found = [(p.path, p.index) for p in proposed(vehicle, tmp_path).of("surface")]
+    assert found == [(f"BAT_Temps{'2' if k > 4 else ''}.NTC_{k}", k) for k in range(1, 7)]
+
+
 def test_a_second_group_of_temperatures_is_told(tmp_path) -> None:
     warm = {f"CellTemp{k + 1}": WARM[:, k] for k in range(6)} | {f"BusTempSensor{k + 1}": WARM[:, k] for k in range(3)}
     found = proposed(plain(warm, unit="degC"), tmp_path)
