@@ -33,7 +33,10 @@ def test_the_numbers_of_an_effect_have_labels_and_printed_units():
 )
 def test_what_a_signal_of_a_log_is_taken_for_has_its_label(role, index, string, told):
     one = SimpleNamespace(role=role, index=index, string=string, path="Pack.X", observed=(-10.0, 20.0), sure=True)
+    one.single = (one,)
     assert taken_for(one) == told
+    one.single = (one, SimpleNamespace(path="Pack.Y"))
+    assert taken_for(one) == told.replace("Pack.X", "Pack.X and Pack.Y")
 
 
 def test_the_page_takes_the_names_of_the_steps_from_the_server():
