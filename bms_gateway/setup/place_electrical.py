@@ -14,7 +14,7 @@ from bms_gateway.setup.find_electrical import ADDS_UP, CELL_OHM, Electrical, Sco
 from bms_gateway.setup.groups import Member
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.readable import Rights
-from bms_gateway.setup.signal_words import OTHER_THINGS, has, named
+from bms_gateway.setup.signal_words import CHARGING, DISCHARGE, OTHER_THINGS, has, named
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.cells import Chemistry
 
@@ -46,14 +46,14 @@ def place_current(
         return False
     why = list(c.why)
     scale = _signed(proposal, e, c, by_charge, why)
-    if (
-        c.both_ways is None
-        and c.series.low * c.factor >= 0
-        and c.series.info.raw_limits[0] >= 0
-        and c.series.info.offset == 0
-    ):
+    info = c.series.info
+    one_way = c.both_ways is None and c.series.low * c.factor >= 0 and info.raw_limits[0] >= 0 and info.offset == 0
+    called = one_way and has(named(info), DISCHARGE) != has(named(info), CHARGING)
+    if one_way:
         why.append("it never goes below 0: current in the other direction is not measured")
-    sure = c.unit is not None and c.score > 3.5 and e.lead > CLEAR and not c.series.constant
+    if called:
+        why.append("its name says one direction: look for the signal of the other")
+    sure = c.unit is not None and c.score > 3.5 and e.lead > CLEAR and not c.series.constant and not called
     moves = np.ptp(c.values) >= LEAST_A
     if not moves:
         why.append(f"it moves by less than {LEAST_A:g} A in this log")

@@ -63,6 +63,17 @@ def test_the_pair_is_proposed_with_both_signs(names: tuple[str, str], apart: boo
     assert [half.written for half in p.single] == [(1.0, 0.0), (1.0, 0.0)]
 
 
+def test_half_of_a_current_is_not_sure(tmp_path) -> None:
+    # Bug: a current of discharge alone, in a vehicle that charges at 119 A, was called certain.
+    vehicle, _ = two_ways(NAMES[0], apart=True)
+    vehicle.dbc = "\n".join(x for x in vehicle.dbc.splitlines() if "Chrg" not in x and "Hv2" not in x)
+    del vehicle.values[f"Hv2.{NAMES[0][1]}"]
+    p = next(proposed(vehicle, tmp_path).of("current"))
+    assert p.path == f"Hv1.{NAMES[0][0]}"
+    assert not p.sure
+    assert "its name says one direction: look for the signal of the other" in p.why
+
+
 def test_init_writes_both_and_check_and_analyze_take_them(tmp_path, capsys) -> None:
     vehicle, _ = two_ways(NAMES[0], unit="mA")
     log, dbc = write(vehicle, tmp_path)
