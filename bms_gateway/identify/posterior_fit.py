@@ -96,7 +96,7 @@ class Fit:
     doubt : float
         Factor by which the noise was raised so that parameters stay near their prior; 1 for a right model.
     constant : ndarray (n,), K
-        Constant error of each cell's thermocouple; 0 where there is none, and of a lone one.
+        Constant error of each cell's thermocouple; 0 where there is none, and where there are fewer than three.
     """
 
     evidence: Evidence

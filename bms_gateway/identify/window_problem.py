@@ -34,8 +34,9 @@ MODEL_SD = 0.14
 """K·√s, white: no model of a cell is more exact, with any sensor. Determined on real cells: core 3 K off with 0.01; 0.4
 loses the slow time constant."""
 CONSTANT_SD = 0.4
-"""K: constant error of each of several thermocouples. One alone has none, because the temperature of the surroundings
-that every window carries (`carried`) is the same to it."""
+"""K: constant error of each of `LEAST_SEVERAL` or more thermocouples: of two, nothing tells which one is wrong, and to
+one alone, the temperature of the surroundings that every window carries (`carried`) is the same."""
+LEAST_SEVERAL = 3
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the earlier window ended there
 V = len(NAMES)
 """Carried effects."""
@@ -254,7 +255,7 @@ class Problem:
 
     def whitener(self, sizes: Sizes, scale: float = 1.0) -> Whitener:
         """Filter of the noise."""
-        constant = CONSTANT_SD if len(self.means.sensed) > 1 and self.size > 0.0 else 0.0
+        constant = CONSTANT_SD if len(self.means.sensed) >= LEAST_SEVERAL and self.size > 0.0 else 0.0
         return self.means.whitener(sizes.white * scale, sizes.slow * scale, sizes.tau, constant)
 
     def constants(self, point: Point, sizes: Sizes) -> Floats:
