@@ -65,6 +65,10 @@ def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
             grave = flag.level >= (3 if flag.code in WATCH else 2)
             severity = Severity.ALARM if grave else Severity.WARNING
             yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True, facts=flag.facts)
+        named = {f.cell for f in s.health.conditions() if f.code == "thermocouple"}
+        for cell, error in s.misread:
+            if cell not in named:
+                yield Condition("thermocouple", Severity.WARNING, _misread(cell, error), name, cell, settled=True)
         if s.doubts:
             yield Condition("unproven", Severity.WARNING, unproven(s.doubts), name, settled=True)
 
@@ -93,6 +97,14 @@ def _fault(quantity: str, alike: Sequence[Fault]) -> str:
     elif first.why == HELD:
         remedy = "check that it is fixed to its cell, and check its wire and plug"
     return f"{what} not used: {first.why} ({first.channel.source}): {remedy}"
+
+
+def _misread(cell: int, error: float) -> str:
+    too = "more" if error > 0.0 else "less"
+    return (
+        f"the thermocouple of cell {cell} reads about {abs(error):.1f} K {too} than the others and the model explain, "
+        "all along: it reads wrong, or its cell is unlike the others: check its seat and calibration, also at rest"
+    )
 
 
 def contradicted(s: StringEstimator) -> list[int]:

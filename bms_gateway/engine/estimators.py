@@ -185,9 +185,7 @@ class Estimators:
         cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, heating, dt))
         own = group.quality(readings)
         quality = group.doubtful(own, cold)
-        if group.doubt is not None:
-            core_sd = np.hypot(core_sd, group.doubt * (core - surface))
-            centre_sd = np.hypot(centre_sd, group.doubt * (centre - surface))
+        core_sd, centre_sd = (group.widened(sd, x - surface) for sd, x in ((core_sd, core), (centre_sd, centre)))
         usable = core_sd <= AVAILABLE_SD_K
         if (burnt := group.burnt(own)) is not None:
             usable &= ~burnt

@@ -25,6 +25,8 @@ GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
 LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
+MISREAD_K = 1.0
+"""Constant error of a thermocouple that is told: more than twice what is usual."""
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)
 
@@ -51,6 +53,8 @@ class Group:
         NaN for each string: value of a quantity that none of them has.
     doubt : ndarray (S, 1) or None
         Additional share of core minus surface that may be wrong beyond the observer's band; None if it is zero.
+    misread : ndarray (S, n) or None
+        What constant errors of the thermocouples may have done to the cores, K; None if none was found.
     watch : HeatWatch or None
         Watch over heat that no current makes; None if a string has no sensor that belongs to one cell.
     errors : Errors or None
@@ -75,6 +79,7 @@ class Group:
     floor: Floor
     watch: HeatWatch | None
     contradicted: Contradicted
+    misread: Floats | None = None
     errors: Errors | None = None
     heat: Floats | None = None
 
@@ -108,7 +113,15 @@ class Group:
         )
 
     def reveal(self, j: int) -> None:
-        """Give the watch over heat the present numbers of the observer."""
+        """Take what the identifier found of the thermocouples, and give the watch the observer's present numbers."""
+        found = self.strings[j].identifier.posterior().constant
+        if found is not None and (found.any() or self.misread is not None):
+            if self.misread is None:
+                self.misread = np.zeros((len(self.members), self.cells))
+            p, sensed = self.observed.observer.parameters[j], np.sort(self.strings[j].plan.model.sensors) - 1
+            of_cell = np.interp(np.arange(self.cells), sensed, np.abs(found[sensed]))  # by the nearest thermocouples
+            self.misread[j] = of_cell * (1.0 + p.R_c / p.R_u)  # a core lies farther from the coolant
+            self.strings[j].misread = tuple((k + 1, float(x)) for k, x in enumerate(found) if abs(x) >= MISREAD_K)
         if self.watch is not None:
             self.watch.set_parameters(j, self.observed.observer.parameters[j])
 
@@ -120,6 +133,12 @@ class Group:
             self.watch.restore(heat)
             for s, v in zip(self.strings, self.watch.verdicts, strict=True):
                 s.health.heat = v.findings
+
+    def widened(self, sd: Floats, gap: Floats) -> Floats:
+        """Sd (S, n), K, of temperatures that lie `gap` above the surface, with what the observer's own lacks."""
+        if self.doubt is not None:
+            sd = np.hypot(sd, self.doubt * gap)
+        return sd if self.misread is None else np.hypot(sd, self.misread)
 
     def by_cell(self, row: NDArray[T]) -> NDArray[T]:
         """Return the values (S, n) of its cells from those of all cells (N,)."""

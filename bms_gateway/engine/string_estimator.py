@@ -143,6 +143,8 @@ class StringEstimator:
         its limit, or a cell runs away.
     fire : tuple of int
         0-based cells that have run away.
+    misread : tuple of (int, float)
+        Cells, from 1, whose thermocouples have a constant error of 1 K or more, and this error, K.
     forecast : Forecast or None
         The newest forecast, every ten seconds; None before anything is known.
     """
@@ -164,6 +166,7 @@ class StringEstimator:
     hot: bool = False
     burning: bool = False
     fire: tuple[int, ...] = ()
+    misread: tuple[tuple[int, float], ...] = ()
     forecast: Forecast | None = None
 
     def __post_init__(self) -> None:

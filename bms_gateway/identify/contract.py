@@ -91,6 +91,8 @@ class Posterior:
         Gain of heat from voltage, if the data contained such heat.
     apart : Apart or None
         The same for an observer that knows reversible heat and R_e of warm cores; None if none was found.
+    constant : ndarray (n,) or None
+        Constant error of each cell's thermocouple, K; None if none was sought.
     """
 
     names: tuple[str, ...]
@@ -98,6 +100,7 @@ class Posterior:
     cov: Floats
     heat: "HeatGain | None" = None
     apart: "Apart | None" = None
+    constant: Floats | None = None
 
     def as_constants(self, warmth: Sequence[tuple[float, float]]) -> "Posterior":
         """Widen R_e by how it changes with its core, for who takes it for a constant over some windows.

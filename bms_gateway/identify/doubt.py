@@ -25,10 +25,21 @@ Any share of R_c may lie in the roll, R_e of every cell falls as it warms, and t
 like contact. For capacities and the other carried effects, the prior is knowledge: data that move them farther indicate
 a model error."""
 SOUND_OTHER_SD: Final = 1.0
+DOUBTED: Final = 3.0
+"""Factor on the noise from which the cores of a string are not proven. Simulated cells without a missing effect stay at
+1.0."""
 HOPELESS: Final = 4.0
-"""Factor on the noise from which a window is not used: most of what the surfaces show is missing in the model."""
+"""Factor on the noise from which a window teaches nothing: most of what the surfaces show is missing in the model."""
 LEAST_WEIGHT: Final = 1e-4
 HALVINGS: Final = 20
+
+
+def hopeless(doubt: float) -> float:
+    """How far a factor on the noise is from `DOUBTED` to `HOPELESS`, 0 to 1.
+
+    A limit alone would let two almost equal windows teach much or nothing.
+    """
+    return min(max((doubt - DOUBTED) / (HOPELESS - DOUBTED), 0.0), 1.0)
 
 
 def sound_sd(name: str) -> float:

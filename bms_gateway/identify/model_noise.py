@@ -10,7 +10,7 @@ marginal likelihood (with its determinants): a profile likelihood sees only what
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,12 @@ class Whitener:
     weight : ndarray (K, m)
         1/√S; zero where there was no reading.
     log_det : float
-        Sum of ln S over the readings.
+        ln of the determinant of the noise's covariance.
+    same, cut : ndarray (K, m), (m,)
+        Whitened unit constant of each column, and the factor on its product with them that is subtracted: what remains
+        is white if each column has an unknown constant error.
+    constant : float
+        Its sd, K.
 
     References
     ----------
@@ -64,10 +69,18 @@ class Whitener:
     put: Floats
     weight: Floats
     log_det: float
+    same: Floats
+    cut: Floats
+    constant: float = 0.0
 
     @classmethod
-    def of(cls, valid: NDArray[np.bool_], white: float | Floats, slow: float, tau: float, dt: float) -> "Whitener":
-        """Return gains for readings `valid` (K, m): σ_w = `white` > 0, of all or each, σ_d = `slow` ≥ 0 K, `dt` s."""
+    def of(
+        cls, valid: NDArray[np.bool_], white: float | Floats, slow: float, tau: float, dt: float, constant: float = 0.0
+    ) -> "Whitener":
+        """Return gains for readings `valid` (K, m): σ_w = `white` > 0, of all or each, σ_d = `slow` ≥ 0 K, `dt` s.
+
+        Each of the m has besides a constant error of sd `constant` K.
+        """
         K, m = valid.shape
         a = math.exp(-dt / tau)
         gain, S = np.zeros((K, m)), np.ones((K, m))
@@ -81,7 +94,16 @@ class Whitener:
                     g_j[k] = p / S_j[k]
                 p = a * a * p * (1.0 - g_j[k]) + (1.0 - a * a) * slow**2
             gain[:, j], S[:, j] = g_j, S_j
-        return cls(a * (1.0 - gain), a * gain, valid / np.sqrt(S), float(np.log(S).sum()))
+        alone = cls(
+            a * (1.0 - gain), a * gain, valid / np.sqrt(S), float(np.log(S).sum()), np.ones((K, m)), np.zeros(m)
+        )
+        if constant == 0.0:
+            return alone
+        same = alone(np.ones((K, m, 1)))[:, :, 0]
+        sum_sq = np.sum(same**2, axis=0)
+        more = 1.0 + constant**2 * sum_sq  # of the variance along the constant
+        cut = (1.0 - more**-0.5) / np.maximum(sum_sq, 1e-300)
+        return replace(alone, same=same, cut=cut, constant=constant, log_det=alone.log_det + float(np.log(more).sum()))
 
     def __call__(self, columns: Floats) -> Floats:
         """Innovations (K, m, c) of `columns` (K, m, c); zero where there was no reading."""
@@ -92,4 +114,12 @@ class Whitener:
             d *= keep
             d += put
         out *= self.weight[:, :, None]
+        if self.constant:
+            along = self.cut[:, None] * np.einsum("km,kmc->mc", self.same, out)
+            out -= self.same[:, :, None] * along
         return out
+
+    def constants(self, residual: Floats) -> Floats:
+        """Posterior means (m,) of the constant errors of `residual` (K, m), all else in it being noise."""
+        found = np.sum(self.same * self(residual[:, :, None])[:, :, 0], axis=0)
+        return np.asarray(self.constant**2 * found * (1.0 - self.cut * np.sum(self.same**2, axis=0)), dtype=np.float64)

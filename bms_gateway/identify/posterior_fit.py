@@ -31,8 +31,8 @@ nuisances prefers those that absorb the data, and biases R_e by tens of per cent
 A small residual does not prove a model. The model lacks something if the data want a parameter or a carried effect far
 from its prior, a large slow error, or a walk that no cell's warming explains. Its error is then at least so large that
 the parameters may stay near their prior. The noise is raised by the factor `doubt`, which widens the posterior and
-moves it back towards the prior. From `HOPELESS` on the window is not used, and the weight of earlier evidence is
-reduced.
+moves it back towards the prior. From `DOUBTED` to `HOPELESS` it is raised further, so that the window teaches less and
+less, and the weight of earlier evidence is reduced.
 """
 
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.identify.carried import WARMTH_AT
-from bms_gateway.identify.doubt import HOPELESS
+from bms_gateway.identify.doubt import hopeless
 from bms_gateway.identify.for_observer import apart, effective
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.quadratic import Quadratic
@@ -58,12 +58,12 @@ SOUND_WALK = 0.1
 TRIES = 4  # at raising the noise: each starts where the previous one ended
 ALMOST = 0.02  # smaller excess of the factor is ignored
 KEPT = 0.25
-"""Share of the earlier evidence that is kept if a window is not used."""
+"""Share of the earlier evidence that is kept if a window is hopeless."""
 LEAST_DROP = 0.5
 """Drop of a single mode's log posterior from its top to the other root; below this, the other root is within one sd."""
 UNLEARNT = 0.5
-"""Variance of B, over that of its prior, from which a window that is not used has taught nothing of it."""
-DEAF = 1e3  # times the noise: only the prior and the evidence count
+"""Variance of B, over that of its prior, from which a hopeless window has taught nothing of it."""
+DEAF = 1e3  # times the noise of a hopeless window: only the prior and the evidence count
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,8 @@ class Fit:
         Of the surface residual, K.
     doubt : float
         Factor by which the noise was raised so that parameters stay near their prior; 1 for a right model.
+    constant : ndarray (n,), K
+        Constant error of each cell's thermocouple; 0 where there is none, and where there are fewer than three.
     """
 
     evidence: Evidence
@@ -111,6 +113,7 @@ class Fit:
     tau: float
     rms: float
     doubt: float
+    constant: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,9 +188,11 @@ def _fitted(job: WindowJob) -> Fit:
         problem.hear_noise(point, sizes)
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
         point, mean, cov, other = _both_roots(problem, point, sizes, root)
-    if doubt > HOPELESS:  # nothing is learnt, and earlier evidence is reduced
-        problem.distrust(KEPT)
-        sizes = replace(sizes, white=sizes.white * DEAF, slow=sizes.slow * DEAF)
+    share = hopeless(doubt)
+    if share > 0.0:  # at 1 nothing is learnt, and earlier evidence is reduced
+        problem.distrust(KEPT**share)
+        sizes = replace(sizes, white=sizes.white * DEAF**share, slow=sizes.slow * DEAF**share)
+        problem.hear_noise(point, sizes)
         point = problem.minimise(point.phi, problem.xi0, sizes, 1.0, 10)
         point, mean, cov, other = _both_roots(problem, point, sizes, root)
     told = problem.marginal(point)
@@ -206,14 +211,14 @@ def _fitted(job: WindowJob) -> Fit:
     v[p : problem.P] = point.xi[:V]
     grad_z = -back.T @ told.pull - info_z @ v  # evidence is stated about v = 0
     at = stated = problem.cores.mean
-    if doubt > HOPELESS and float(cov[p + WARMTH_AT, p + WARMTH_AT]) > UNLEARNT:
-        stated = 0.0  # R_e of the file counts as that of cells that drive, whatever their temperature
+    if float(cov[p + WARMTH_AT, p + WARMTH_AT]) > UNLEARNT:
+        stated *= 1.0 - share  # R_e of the file counts as that of cells that drive, whatever their temperature
     own = apart(problem, mean, cov, stated)
     mean, cov = effective(problem, mean, cov, stated)
     return Fit(
         Evidence(z, 0.5 * (info_z + info_z.T), grad_z, at),
         point.phi, mean, cov, own, (at, problem.cores.swing), point.end, other, sizes.walk, sizes.white, sizes.slow,
-        sizes.tau, rms, doubt,
+        sizes.tau, rms, doubt, problem.constants(point, sizes),
     )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
+from bms_gateway.identify.doubt import DOUBTED
 from bms_gateway.identify.entropic_charge import EntropicCharge
 from bms_gateway.identify.for_observer import APART_AT, APART_SD
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
@@ -43,9 +44,6 @@ CLOGGED = 0.05
 would be followed late or never; with much more, noise of a window exchanges parts of the two."""
 CARRIED_DRIFT = 0.3
 """Sd of a carried effect's change from one window to the next, in its own sd: it differs between drives."""
-DOUBTED = 3.0
-"""Factor on the noise (`Fit.doubt`) from which cores are not proven. Simulated cells without a missing effect stay at
-1.0; where a missing effect moved the core out of its band, it was 8 and more."""
 OTHER_WARMTH = 0.3
 """ln: sd of R_e at 25 °C where R_e is known at another temperature that cells have while driving (`thermal.warmth`)."""
 FORGOTTEN = 10.0
@@ -106,6 +104,7 @@ class _Told:
     gain_cov : ndarray (p + 1,)
         Its covariance with the logarithms, and its variance.
     doubt : float
+    constant : ndarray (n,)
         As of `Fit`.
     """
 
@@ -114,6 +113,7 @@ class _Told:
     gain: float
     gain_cov: Floats
     doubt: float
+    constant: Floats
 
 
 class WindowIdentifier:
@@ -139,7 +139,9 @@ class WindowIdentifier:
         p = len(self._names)
         self._shown = shown_sd(float(self._prior_sd[C_C]))
         self._evidence = Evidence.none(p, len(CARRIED) + departures(model))
-        self._told = _Told(self._prior_mean.copy(), np.diag(self._prior_sd**2), 0.0, np.zeros(p + 1), 1.0)
+        self._told = _Told(
+            self._prior_mean.copy(), np.diag(self._prior_sd**2), 0.0, np.zeros(p + 1), 1.0, np.zeros(model.cells)
+        )
         self._guess = self._prior_mean.copy()
         self._other_root = 0.0
         self._walk = 0.0
@@ -252,7 +254,7 @@ class WindowIdentifier:
         looked, self._out = self._out == "look", ""
         mean, cov = self._as_shown(result.mean, result.cov)
         self._entropy.answer(*self._as_shown(*result.apart), result.warmth[0], looked=looked)
-        self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt)
+        self._told = _Told(mean[:p], cov[:p, :p], float(mean[p]), cov[p], result.doubt, result.constant)
         if looked:
             return
         self._evidence = result.evidence
@@ -275,7 +277,7 @@ class WindowIdentifier:
         if self._from_voltage and told.gain_cov[-1] > 0.0:
             heat = HeatGain(float(np.exp(told.gain)), told.gain_cov)
         apart = self._entropy.numbers(self._names, gain=heat is not None)
-        return Posterior(self._names, told.mean, told.cov, heat, apart)
+        return Posterior(self._names, told.mean, told.cov, heat, apart, told.constant)
 
     def estimates(self) -> tuple[Estimate, ...]:
         """Every parameter with sd and status."""
@@ -345,6 +347,7 @@ class WindowIdentifier:
             "gain": told.gain,
             "gain_cov": told.gain_cov.tolist(),
             "doubt": told.doubt,
+            "constant": told.constant.tolist(),
             "entropy": self._entropy.snapshot(),
         }
 
@@ -365,6 +368,8 @@ class WindowIdentifier:
         c = p + len(CARRIED) + departures(self._model)
         shapes = {"z0": (p,), "mean": (p,), "guess": (p,), "grad": (c,), "info": (c, c), "cov": (p, p)}
         shapes["gain_cov"] = (p + 1,)
+        state = {"constant": [0.0] * self._model.cells, **state}  # of a version that did not seek it
+        shapes["constant"] = (self._model.cells,)
         vectors, warmth = {k: np.array(state[k], dtype=np.float64) for k in shapes}, float(state.get("warmth", 0.0))
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()) or not np.isfinite(warmth):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
@@ -379,7 +384,12 @@ class WindowIdentifier:
             along[:p, 0] = lumped_jacobian(self._guess, self._model.has_conduction)[:, R_E]
             self._evidence = self._evidence.forget(along, np.array([OTHER_WARMTH]))
         self._told = _Told(
-            vectors["mean"], vectors["cov"], float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
+            vectors["mean"],
+            vectors["cov"],
+            float(state["gain"]),
+            vectors["gain_cov"],
+            float(state["doubt"]),
+            vectors["constant"],
         )
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])

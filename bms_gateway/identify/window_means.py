@@ -79,13 +79,13 @@ class Means:
         """
         return _means(at_readings(Y, self.late), self.seen, self.first, self.count)
 
-    def whitener(self, white: float, slow: float, tau: float) -> Whitener:
-        """Filter of a noise with a white and a slow part, K; the slow part has the memory `tau`, s.
+    def whitener(self, white: float, slow: float, tau: float, constant: float) -> Whitener:
+        """Filter of a noise with a white, a slow and a constant part, K; the slow part has the memory `tau`, s.
 
         Means of fewer readings have more white noise.
         """
         whites = white * np.sqrt(self.count.max() / np.maximum(self.count, 1.0))
-        return Whitener.of(self.valid, whites, slow, tau, self.dt)
+        return Whitener.of(self.valid, whites, slow, tau, self.dt, constant)
 
 
 def _means(x: Floats, seen: NDArray[np.bool_], first: NDArray[np.intp], count: Floats) -> Floats:

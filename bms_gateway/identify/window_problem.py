@@ -23,7 +23,7 @@ from bms_gateway.identify.window_start import FRESH, first_start, start_informat
 from bms_gateway.identify.window_warmth import CoresOfRoots, at_readings_of, warmth_of
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.entropy import CAPACITY_AH
-from bms_gateway.thermal.warmth import MOST_B, WARMTH_SD
+from bms_gateway.thermal.warmth import LEAST_B, MOST_B, WARMTH_SD
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: with a broad likelihood, distant starts reach the optimum
@@ -33,6 +33,10 @@ KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over t
 MODEL_SD = 0.14
 """K·√s, white: no model of a cell is more exact, with any sensor. Determined on real cells: core 3 K off with 0.01; 0.4
 loses the slow time constant."""
+CONSTANT_SD = 0.4
+"""K: constant error of each of `LEAST_SEVERAL` or more thermocouples: of two, nothing tells which one is wrong, and to
+one alone, the temperature of the surroundings that every window carries (`carried`) is the same."""
+LEAST_SEVERAL = 3
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the earlier window ended there
 V = len(NAMES)
 """Carried effects."""
@@ -251,7 +255,14 @@ class Problem:
 
     def whitener(self, sizes: Sizes, scale: float = 1.0) -> Whitener:
         """Filter of the noise."""
-        return self.means.whitener(sizes.white * scale, sizes.slow * scale, sizes.tau)
+        constant = CONSTANT_SD if len(self.means.sensed) >= LEAST_SEVERAL and self.size > 0.0 else 0.0
+        return self.means.whitener(sizes.white * scale, sizes.slow * scale, sizes.tau, constant)
+
+    def constants(self, point: Point, sizes: Sizes) -> Floats:
+        """Constant error (n,), K, of each cell's thermocouple; 0 without one."""
+        out = np.zeros(self.model.cells)
+        out[self.means.sensed] = self.whitener(sizes).constants(point.residual)
+        return out
 
     def nuisance_info(self, walk: float) -> Floats:
         """P⁻¹ over ξ, without the carried effects' prior."""
@@ -454,11 +465,11 @@ class _Noisy:
 
     def __init__(self, problem: Problem, whitener: Whitener, walk: float) -> None:
         self.problem, self.whitener, self.walk = problem, whitener, walk
-        rest = np.full(len(problem.xi0), np.inf)
+        least, most = np.outer((-np.inf, np.inf), np.ones(len(problem.xi0)))
         if problem.size > 0.0:
-            rest[WARMTH_AT] = MOST_B / problem.B_unit
-        self.lower = np.concatenate([problem.sought.low, -rest])[problem.moving]
-        self.upper = np.concatenate([problem.sought.high, rest])[problem.moving]
+            least[WARMTH_AT], most[WARMTH_AT] = LEAST_B / problem.B_unit, MOST_B / problem.B_unit
+        self.lower = np.concatenate([problem.sought.low, least])[problem.moving]
+        self.upper = np.concatenate([problem.sought.high, most])[problem.moving]
 
     def at(self, z: Floats, near: Point) -> Point | None:
         """Simulate; None if there is no coolant node."""

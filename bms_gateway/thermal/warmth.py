@@ -22,8 +22,9 @@ WARMTH: Final = "warmth"
 WARMTH_SD: Final = 1.5
 """Of B, 1000 K: that of the effect `resistance_temperature`, which a service without effects does not load, but about
 0, because a file without the effect says that R_e is constant."""
+LEAST_B: Final = -1.0
 MOST_B: Final = 8.0
-"""1000 K: limit of B in a fit, that of the effect."""
+"""1000 K: limits of B in a fit, those of the effect. With a smaller B, cores that warm would run away."""
 REFERENCE: Final = 298.15
 """K: reference of temperature-dependent numbers."""
 COLDEST: Final = 100.0

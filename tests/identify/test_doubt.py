@@ -1,13 +1,14 @@
 """A fit that explains its surfaces by parameters that cannot be is neither believed nor kept to itself."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bms_gateway.errors import StateError
 from bms_gateway.identify import Tick, WindowIdentifier
-from bms_gateway.identify.doubt import noise_factor
+from bms_gateway.identify.doubt import DOUBTED, HOPELESS, hopeless, noise_factor
 from bms_gateway.thermal import Prior, StringModel
 from tests.identify.drive import drive, measured, model, ticks
 from tests.truth.hidden import Scenario, make_log
@@ -107,6 +108,23 @@ def test_doubt_gain_and_carried_effects_outlive_a_restart():
         fresh.restore(stored)
 
 
+@pytest.mark.parametrize(("size", "cell"), [("medium", 1), ("strong", 3), ("strong", 5)])
+@pytest.mark.plain_cases(1)
+def test_a_thermocouple_that_reads_too_much_is_found_and_leaves_R_c_as_it_is(size, cell):
+    # Bug: an error of 1.8 K made all readings worthless to the windows, and one of 0.7 K could make cores 5 K too warm.
+    identifier, pack = followed({"thermocouple_offset": (size, cell)})
+    b = {"medium": 0.7, "strong": 1.8}[size]
+    constant = identifier.posterior().constant
+    assert constant[1] == constant[3] == 0.0  # cells without a thermocouple
+    beside = constant[[k - 1 for k in SENSORS]].mean()  # what all read too much looks like warmer surroundings
+    assert 0.5 < abs(constant[cell - 1] - beside) / (b * 2 / 3) < 1.3
+    assert identifier.doubts() == ()
+    for name in ("R_e", "R_c", "R_u"):
+        error, sd = off(identifier, name, pack[name])
+        assert abs(error) < 2.5 * sd
+        assert sd < 0.1
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_noise_is_raised_as_little_as_keeps_every_judged_number_within_its_limit(seed):
     """Against least squares written out: data y = X b weighted by 1/f², a Gaussian known before, its minimiser."""
@@ -141,3 +159,29 @@ def test_cells_that_differ_by_two_per_cent_are_no_error_of_the_model():
             identifier.accept(fit)
     assert len(doubt) == 3
     assert max(doubt) < 1.3
+
+
+def test_a_hopeless_window_leaves_the_numbers_of_the_file_although_the_inlet_is_noisy():
+    # Bug: what the inlet's noise adds to the squares was subtracted as before, from squares that no longer counted.
+    square, inlet, y, _ = measured(8, minutes=11, noise=0.02, R_e=5.5 * TABLE_1["R_e"])
+    inlet = inlet + np.random.default_rng(3).normal(0.0, 1.0, len(inlet))
+    known = model(**TABLE_1)
+    priors = {s: replace(p, rel_sd=min(p.rel_sd, 0.6)) for s, p in known.priors.items()}
+    identifier, doubt = WindowIdentifier(replace(known, priors=priors)), []
+    for tick in ticks(square, inlet, y):
+        if (job := identifier.add(tick)) is not None:
+            fit = job.run()
+            doubt.append(fit.doubt)
+            identifier.accept(fit)
+    assert min(doubt) > HOPELESS
+    for name, prior in priors.items():
+        error, sd = off(identifier, name, prior.value)
+        assert abs(error) < 0.01
+        assert sd > 0.99 * np.sqrt(np.log1p(prior.rel_sd**2))
+
+
+def test_a_window_teaches_less_and_less_from_doubted_to_hopeless():
+    shares = [hopeless(f) for f in np.linspace(1.0, 10.0, 1000)]
+    assert shares == sorted(shares)
+    assert max(np.diff(shares)) < 0.01
+    assert (hopeless(DOUBTED), hopeless(HOPELESS)) == (0.0, 1.0)

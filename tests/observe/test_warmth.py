@@ -16,7 +16,7 @@ from bms_gateway.observe.outlook import Outlook
 from bms_gateway.observe.sensitivity import PARAMETERS, displaced
 from bms_gateway.thermal import Prior, StringModel
 from bms_gateway.thermal.effects import effect_named
-from bms_gateway.thermal.warmth import MOST_B, WARMTH_SD
+from bms_gateway.thermal.warmth import LEAST_B, MOST_B, WARMTH_SD
 
 C_c, C_s, R_e, R_c, R_u = 268.0, 18.8, 3.5e-3, 1.266, 0.79
 AMPS, STEPS = 50.0, 1500
@@ -63,7 +63,7 @@ def test_the_core_is_in_its_band_though_its_resistance_changes_with_its_warmth(B
 def test_it_is_known_as_badly_as_the_effect() -> None:
     (B,) = effect_named("resistance_temperature").parameters
     assert B.sd / 1000.0 == WARMTH_SD
-    assert B.upper / 1000.0 == MOST_B
+    assert (B.lower / 1000.0, B.upper / 1000.0) == (LEAST_B, MOST_B)
 
 
 def test_at_25_degrees_the_warmth_moves_no_core() -> None:
