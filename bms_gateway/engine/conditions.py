@@ -33,6 +33,8 @@ REMEDIES: Final = {
     Quality.COUNTER: "look for a second sender of the same identifier",
     Quality.CRC: "look for a second sender of the same identifier, or a DBC of another version",
 }
+MISREAD_K: Final = 1.0
+"""Constant error of a thermocouple that is told: more than twice what is usual."""
 CONTRADICTED: Final = "check its seat, wire and plug, and watch the cell: heat of its own would show so too"
 
 
@@ -66,8 +68,8 @@ def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
             severity = Severity.ALARM if grave else Severity.WARNING
             yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True, facts=flag.facts)
         named = {f.cell for f in s.health.conditions() if f.code == "thermocouple"}
-        for cell, error in s.misread:
-            if cell not in named:
+        for cell, error in enumerate(() if s.constant is None else s.constant.tolist(), 1):
+            if abs(error) >= MISREAD_K and cell not in named:
                 yield Condition("thermocouple", Severity.WARNING, _misread(cell, error), name, cell, settled=True)
         if s.doubts:
             yield Condition("unproven", Severity.WARNING, unproven(s.doubts), name, settled=True)

@@ -106,7 +106,7 @@ class Estimators:
         if not self._introduced:
             self._introduced = True
             for i, s in enumerate(self.strings):
-                told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects)), *_proven(s, False, t1)]
+                told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects), s.constant), *_proven(s, False, t1)]
         found: list[tuple[int, Finding]] = []
         for group in self.groups:
             surprise[group.rows] = self._step_group(group, readings, t1, jobs, found)
@@ -139,7 +139,7 @@ class Estimators:
                 self._adopt(group, j)
                 s = group.strings[j]
                 events = told.setdefault(group.members[j], [])
-                events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
+                events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects), s.constant))
                 events += _commissioned(s, t1)
 
     def _step_group(
@@ -284,7 +284,7 @@ class Estimators:
         before = s.doubts
         s.identifier.accept(job_result)
         self._adopt(group, j)
-        events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects))]
+        events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects), s.constant)]
         return [*events, *_commissioned(s, now), *_proven(s, bool(before), now)]
 
     def _accept_cells(self, string: int, cells: CellIdentifier, result: CellResult, now: int) -> list[Event]:
@@ -292,7 +292,7 @@ class Estimators:
         told = cells.warning
         cells.accept(result)
         self._adopt(*self.place(string))
-        events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
+        events: list[Event] = [Parameters(now, s.plan.name, s.estimates, s.constant)]
         events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
             events.append(Notice(now, Level.WARNING, "skew", cells.warning, s.plan.name))

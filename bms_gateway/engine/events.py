@@ -119,11 +119,18 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """New parameters of one string."""
+    """New parameters of one string.
+
+    Attributes
+    ----------
+    constant : ndarray (n,) or None
+        Constant error of each cell's thermocouple that came with them, K; None if none was sought.
+    """
 
     time_ns: int
     string: str
     estimates: tuple[Estimate, ...]
+    constant: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)

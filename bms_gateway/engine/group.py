@@ -25,8 +25,6 @@ GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
 LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
-MISREAD_K = 1.0
-"""Constant error of a thermocouple that is told: more than twice what is usual."""
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)
 
@@ -114,14 +112,13 @@ class Group:
 
     def reveal(self, j: int) -> None:
         """Take what the identifier found of the thermocouples, and give the watch the observer's present numbers."""
-        found = self.strings[j].identifier.posterior().constant
+        found = self.strings[j].constant = self.strings[j].identifier.posterior().constant
         if found is not None and (found.any() or self.misread is not None):
             if self.misread is None:
                 self.misread = np.zeros((len(self.members), self.cells))
             p, sensed = self.observed.observer.parameters[j], np.sort(self.strings[j].plan.model.sensors) - 1
             of_cell = np.interp(np.arange(self.cells), sensed, np.abs(found[sensed]))  # by the nearest thermocouples
             self.misread[j] = of_cell * (1.0 + p.R_c / p.R_u)  # a core lies farther from the coolant
-            self.strings[j].misread = tuple((k + 1, float(x)) for k, x in enumerate(found) if abs(x) >= MISREAD_K)
         if self.watch is not None:
             self.watch.set_parameters(j, self.observed.observer.parameters[j])
 

@@ -143,8 +143,8 @@ class StringEstimator:
         its limit, or a cell runs away.
     fire : tuple of int
         0-based cells that have run away.
-    misread : tuple of (int, float)
-        Cells, from 1, whose thermocouples have a constant error of 1 K or more, and this error, K.
+    constant : ndarray (n,) or None
+        Constant error that windows found of each cell's thermocouple, K; None if none was sought.
     forecast : Forecast or None
         The newest forecast, every ten seconds; None before anything is known.
     """
@@ -166,7 +166,7 @@ class StringEstimator:
     hot: bool = False
     burning: bool = False
     fire: tuple[int, ...] = ()
-    misread: tuple[tuple[int, float], ...] = ()
+    constant: Floats | None = None
     forecast: Forecast | None = None
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from math import sqrt
 import numpy as np
 
 from bms_gateway.fleet.day import Row
-from bms_gateway.fleet.residual import REGIMES
+from bms_gateway.fleet.residual import LEVEL, PLACES
 from bms_gateway.thermal import Floats
 
 FEWEST_VEHICLES = 4
@@ -39,6 +39,9 @@ SHARED = 0.5
 TO_SD = 1.4826  # from the median distance to a standard deviation, of a Gaussian
 OF_MEDIAN = 1.2533  # standard error of a median over that of a mean
 
+ALONG = ("all", LEVEL)
+"""Regimes that are no part of the time, so there is no other time to compare them with."""
+
 Place = tuple[str, int, str]
 """String, cell, regime."""
 
@@ -53,8 +56,8 @@ class Position:
     vehicles : int
         With enough readings there.
     median_K, median_sd_K : float
-        Of the vehicles' mean errors, and how well it is known. In `all` an error is reading less prediction; in other
-        regimes, its mean there less its mean at other times.
+        Of the vehicles' mean errors, and how well it is known. In `all` an error is reading less prediction, in `level`
+        what windows found constant; in other regimes, its mean there less its mean at other times.
     spread_K : float
         Standard deviation of one vehicle about it.
     alike : float
@@ -173,7 +176,7 @@ def draw_atlas(rows: Iterable[Row], config: str = "CONFIG", models: Mapping[str,
 
 
 def _order(place: Place) -> tuple[str, int, int]:
-    return place[0], place[1], list(REGIMES).index(place[2])
+    return place[0], place[1], list(PLACES).index(place[2])
 
 
 def _columns(rows: Iterable[Row]) -> tuple[dict[Place, _Column], dict[str, str]]:
@@ -205,7 +208,7 @@ def _columns(rows: Iterable[Row]) -> tuple[dict[Place, _Column], dict[str, str]]
 def _error(inside: Sequence[float], whole: Sequence[float], regime: str) -> tuple[float, float] | None:
     """Mean error of one vehicle at one place and its sd; None if there is too little other time for a comparison."""
     n, S, var = inside
-    if regime == "all":
+    if regime in ALONG:
         return S / n, sqrt(var) / n
     other = whole[0] - n
     if other < LEAST_OTHER * whole[0]:
@@ -247,16 +250,16 @@ def _effects(
     found = []
     for string in dict.fromkeys(p.string for p in positions):
         of_string = [p for p in positions if p.string == string]
-        common = [p for r in REGIMES for p in _common([p for p in of_string if p.regime == r])]
+        common = [p for r in PLACES for p in _common([p for p in of_string if p.regime == r])]
         if not common:
             continue
         most = max(common, key=lambda p: abs(p.median_K))
         cells = tuple(dict.fromkeys(p.cell for p in common))
-        regimes = tuple(r for r in REGIMES if any(p.regime == r for p in common))
+        regimes = tuple(r for r in PLACES if any(p.regime == r for p in common))
         column = columns[string, most.cell, most.regime]
         typical = column.names[int(np.argmin(np.abs(column.mean - most.median_K)))]
         others = [f"cell {k}" for k in cells if k != most.cell]
-        others += [REGIMES[r] for r in regimes if r not in (most.regime, "all")]
+        others += [PLACES[r] for r in regimes if r not in (most.regime, *ALONG)]
         also = f"; also {', '.join(others)}" if others else ""
         alike = round(most.alike * most.vehicles)
         log = logs[typical]
@@ -295,7 +298,7 @@ def _defects(columns: Mapping[Place, _Column], logs: Mapping[str, str]) -> list[
         ]
         shared = len(beside) > 0 and all(d * worst > 0.0 and abs(d) > SHARED * abs(worst) for d in beside)
         n = len(columns[string, cell, regime].names) - 1
-        regimes = tuple(r for r in REGIMES if any(p[1][2] == r for p in places))
+        regimes = tuple(r for r in PLACES if any(p[1][2] == r for p in places))
         what = "all measured cells read" if shared else f"cell {cell} alone reads"
         cause = (
             "What its cells share is wrong: its current sensor, its coolant or its inlet sensor"
@@ -316,7 +319,8 @@ def _defects(columns: Mapping[Place, _Column], logs: Mapping[str, str]) -> list[
 
 def _off(error: float, sd: float, regime: str) -> str:
     how_much = f"{abs(error):.3f} ± {sd:.3f} K"
-    if regime == "all":
-        return f"{how_much} {'above' if error > 0.0 else 'below'} its prediction"
+    if regime in ALONG:
+        of = "what its windows explain" if regime == LEVEL else "its prediction"
+        return f"{how_much} {'above' if error > 0.0 else 'below'} {of}"
     way = "higher" if error > 0.0 else "lower"
-    return f"{how_much} {way} {REGIMES[regime]} than at other times, beside its prediction"
+    return f"{how_much} {way} {PLACES[regime]} than at other times, beside its prediction"

@@ -25,6 +25,7 @@ class _String:
         self.plan = plan
         self.residuals = Residuals(plan.model)
         self.estimates: dict[str, Estimate] = {}
+        self.constant: Floats | None = None
         self.last: Judgement | None = None
         self.begin()
 
@@ -69,7 +70,7 @@ class _String:
             found[f"{name}_{column}"] = None if e is None else _number(factor * e.value)
             found[f"{name}_sd_{column}"] = None if e is None else _number(factor * e.sd)
             found[f"{name}_status"] = None if e is None else e.status
-        residuals, seconds = self.residuals.take()
+        residuals, seconds = self.residuals.take(self.constant)
         found["residuals"] = [{k: _plain(v) for k, v in asdict(r).items()} for r in residuals]
         return found | _by_regime(residuals, seconds)
 
@@ -104,7 +105,8 @@ class Days:
             self._turn()
             self._day, self._first_ns = day, event.time_ns
         if isinstance(event, Parameters):
-            self._strings[event.string].estimates = {e.name: e for e in event.estimates}
+            s = self._strings[event.string]
+            s.estimates, s.constant = {e.name: e for e in event.estimates}, event.constant
         elif isinstance(event, Estimated):
             for cells in event.strings():
                 self._strings[cells.string].estimated(cells)

@@ -11,6 +11,7 @@ record. Only the current stretch is kept in memory, so a day takes no more memor
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp, sqrt
+from typing import Final
 
 import numpy as np
 
@@ -28,6 +29,11 @@ REGIMES: Mapping[str, str] = {
     "low_flow": "at low coolant flow",
 }
 """Names of the regimes, and the words for a sentence."""
+LEVEL: Final = "level"
+PLACES: Mapping[str, str] = {**REGIMES, LEVEL: "all along, by its windows"}
+"""Also the constant error that windows find of a thermocouple: an observer takes up most of it, and predicts it."""
+LEVEL_SD_K = 0.05
+"""How well a window tells it; between windows of a healthy string it changes by as much."""
 REST_K = 0.5
 """Rise of the core below which a string counts as resting: little more than a thermocouple can resolve."""
 HIGH_K = 10.0
@@ -49,7 +55,7 @@ class CellResidual:
     Attributes
     ----------
     regime : str
-        Of `REGIMES`.
+        Of `PLACES`.
     cell : int
         1-based.
     readings : int
@@ -146,8 +152,11 @@ class Residuals:
         self._Sn += S * n
         self._nn += n**2
 
-    def take(self) -> tuple[tuple[CellResidual, ...], Floats]:
-        """Close a day: its residuals by regime and cell, those with readings, and the seconds of each regime."""
+    def take(self, constant: Floats | None = None) -> tuple[tuple[CellResidual, ...], Floats]:
+        """Close a day: its residuals by regime and cell, those with readings, and the seconds of each regime.
+
+        `constant` (n,), K, are the constant errors of the cells' thermocouples by the newest window.
+        """
         self._close_stretch()
         found = []
         for r, regime in enumerate(REGIMES):
@@ -159,6 +168,10 @@ class Residuals:
                 rms, normalised = sqrt(self._ee[r, c] / n), sqrt(self._zz[r, c] / n)
                 sd = self._sd(r, c, mean)
                 found.append(CellResidual(regime, cell + 1, int(n), float(mean), sd, rms, normalised))
+        for cell, n in zip(self._cells.tolist(), self._n[0].tolist(), strict=True):
+            if constant is not None and n:
+                mean = float(constant[cell])
+                found.append(CellResidual(LEVEL, cell + 1, int(n), mean, LEVEL_SD_K, abs(mean), abs(mean) / LEVEL_SD_K))
         seconds = self.seconds
         self._begin()
         return tuple(found), seconds

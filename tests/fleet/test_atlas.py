@@ -7,6 +7,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.fleet.atlas import FEWEST_VEHICLES, draw_atlas
+from bms_gateway.fleet.residual import LEVEL
 from tests.fleet.packs import logs
 from tests.truth.hidden import Scenario
 
@@ -73,6 +74,24 @@ def test_one_cell_of_one_vehicle_is_a_defect(vehicles):
     assert finding.log == "v002_0.log"
     assert "cell 3 alone reads" in finding.sentence
     assert f"where {vehicles - 1} other vehicles have" in finding.sentence
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_windows_take_for_an_error_of_one_thermocouple_is_a_defect(seed):
+    # Bug: an observer with such windows predicts most of the error, and a cell with 60 % more R_e was no finding.
+    rows, rng = drawn(12, nothing, seed=seed), np.random.default_rng([seed, 1])
+    for bad in (False, True):
+        for row in rows:
+            row["residuals"] = [r for r in row["residuals"] if r["regime"] != LEVEL]
+            for c in CELLS:
+                off = 2.0 if bad and (row["vehicle"], c) == ("v002", 3) else 0.0
+                row["residuals"].append(
+                    {"regime": LEVEL, "cell": c, "readings": 20_000, "mean_K": off + rng.normal(0, 0.15), "sd_K": 0.05,
+                     "rms_K": 0.1, "normalised": 1.0}
+                )  # fmt: skip
+        found = draw_atlas(rows).findings
+        assert [(f.kind, f.vehicle, f.cell) for f in found] == ([("cell", "v002", 3)] if bad else [])
+    assert "above what its windows explain" in found[0].sentence
 
 
 def test_a_vehicle_whose_cells_are_all_off_has_one_cause_in_common():

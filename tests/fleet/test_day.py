@@ -12,7 +12,7 @@ from bms_gateway.engine import Estimated, Judgement
 from bms_gateway.engine.readings import Layout
 from bms_gateway.fleet.day import Days
 from bms_gateway.fleet.keys import config_key
-from bms_gateway.fleet.residual import REGIMES, Residuals
+from bms_gateway.fleet.residual import LEVEL, REGIMES, Residuals
 from bms_gateway.fleet.task import Task, analyse
 from bms_gateway.thermal import Prior, StringModel
 from tests.fleet.packs import EPOCH_S, logs
@@ -159,6 +159,15 @@ def test_errors_are_counted_where_they_belong():
     high, rest = at["high_current", 1].readings, at["rest", 1].readings
     assert 1200 < high < 1400  # two spans of 600 s, and the minute that they echo
     assert 1000 < rest < 1400
+
+
+def test_constant_errors_of_thermocouples_are_a_row_of_their_own():
+    r = Residuals(MODEL)
+    for k in range(400):
+        r.add((EPOCH_S + k) * S, judgement(np.array([0.1, np.nan, np.nan]), np.full(3, 0.2), 10.0))
+    found = [f for f in r.take(np.array([0.4, 0.0, -1.2]))[0] if f.regime == LEVEL]
+    assert [(f.cell, f.readings, f.mean_K) for f in found] == [(1, 280, 0.4)]  # of cell 3 nothing was read
+    assert not [f for f in r.take(None)[0] if f.regime == LEVEL]
 
 
 def test_an_error_that_stays_for_minutes_is_not_taken_for_many():
