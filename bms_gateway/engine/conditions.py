@@ -67,10 +67,12 @@ def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
             grave = flag.level >= (3 if flag.code in WATCH else 2)
             severity = Severity.ALARM if grave else Severity.WARNING
             yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True, facts=flag.facts)
-        named = {f.cell for f in s.health.conditions() if f.code == "thermocouple"}
-        for cell, error in enumerate(() if s.constant is None else s.constant.tolist(), 1):
-            if abs(error) >= MISREAD_K and cell not in named:
-                yield Condition("thermocouple", Severity.WARNING, _misread(cell, error), name, cell, settled=True)
+        if s.constant is not None and (wrong := np.flatnonzero(np.abs(s.constant) >= MISREAD_K).tolist()):
+            named = {f.cell for f in s.health.conditions() if f.code == "thermocouple"}
+            for k in wrong:
+                if k + 1 not in named:
+                    text = _misread(k + 1, float(s.constant[k]))
+                    yield Condition("thermocouple", Severity.WARNING, text, name, k + 1, settled=True)
         if s.doubts:
             yield Condition("unproven", Severity.WARNING, unproven(s.doubts), name, settled=True)
 

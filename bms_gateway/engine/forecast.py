@@ -190,6 +190,8 @@ class Forecasts:
         if watch is not None and watch.told.some:
             shift = np.where(np.isfinite(watch.told.core), watch.told.core - core, shift)
             shift_sd = np.nan_to_num(watch.told.core_sd)
+        if group.misread is not None:
+            shift_sd = np.hypot(shift_sd, group.misread)
         for j, string in enumerate(group.strings):
             for f in string.health.heat:
                 if f.code == "unexplained_heat" and f.cell is not None and f.heat == f.heat:
