@@ -37,7 +37,7 @@ def test_cores_stay_within_their_band_although_a_thermocouple_misreads(
             told.add((e.change.condition.name, e.change.condition.cell))
     time_s = np.array([e.time_ns * 1e-9 for e in estimated])
     late = time_s - time_s[0] >= LATE_S
-    core, sd, centre_sd = (np.array([getattr(e, k) for e in estimated])[late] for k in ("core", "core_sd", "centre_sd"))
+    core, sd = (np.array([getattr(e, k) for e in estimated])[late] for k in ("core", "core_sd"))
     true = np.column_stack([np.interp(time_s[late] - time_s[0], case.time_s - case.time_s[0], x) for x in case.core.T])
     assert np.isfinite(core).all()
     assert np.mean(np.abs(core - true) <= 2.0 * sd) > 0.95
@@ -46,4 +46,4 @@ def test_cores_stay_within_their_band_although_a_thermocouple_misreads(
     assert {t for t in told if t[0] not in of_limits} == ({("thermocouple", cell)} if size == "strong" else set())
     forecast = engine.strings[0].forecast
     assert forecast is not None
-    assert (forecast.centre_sd[0] > 0.8 * centre_sd[-1]).all()  # ten seconds ahead nothing is known better than now
+    assert (forecast.core_sd[0] > 0.8 * sd[-1]).all()  # ten seconds ahead nothing is known better than now
