@@ -228,3 +228,36 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         page.run("const s = document.querySelector('#past-span'); s.value = '0'; s.dispatchEvent(new Event('change'))")
         page.wait(SHOWN + " === 191")
         assert page.complaints() == []
+
+
+SLOWLY = """
+const ask = window.fetch;
+window.fetch = (what, ...more) => String(what).startsWith("/api/history")
+  ? new Promise((then) => setTimeout(then, 700)).then(() => ask(what, ...more)) : ask(what, ...more);
+"""
+TYPED = """
+const f = document.querySelector(arguments[0]); f.focus(); f.value = arguments[1];
+f.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter" }));
+"""
+
+
+def test_of_stretches_chosen_while_an_answer_is_under_way_the_last_is_shown(window, log, tmp_path):
+    """At rest no tick comes that asks anew: a stretch chosen meanwhile was never asked for."""
+    with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
+        page = window(url, (1280, 900))
+        page.wait("return document.querySelector('#play') && !document.querySelector('#live-state').innerText")
+        page.click("#play")
+        page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
+        page.wait(SHOWN + " === 191")
+        first = page.run(ENDS)[0]
+        wall = page.run("return document.querySelector('#past-from').classList.contains('dated')")
+        local = "return new Date(1e3 * arguments[0]).toLocaleString('sv-SE')"
+        page.run(SLOWLY)
+        for field, s in (("from", 300), ("to", 400), ("from", 30), ("to", 90)):  # 300 to 400 s has no estimate
+            text = page.run(local, first + s) if wall else clock(first + s)
+            page.run(TYPED, f"#past-{field}", text)
+        page.wait(SHOWN + " === 61")
+        page.wait("return !document.querySelector('#past').innerHTML.includes('No estimates')")
+        assert page.run(ENDS) == [first + 30.0, first + 90.0]
+        assert page.run(OFF) == [False, False, False]
+        assert page.complaints() == []

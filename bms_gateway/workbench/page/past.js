@@ -181,11 +181,13 @@ export function follow(p) {
   if (wait > 0) { later = setTimeout(() => follow(latest), wait); return; }
   key = now; asked = performance.now(); busy = true;
   const string = $("past-string").value, query = new URLSearchParams({ string, ...wanted() });
+  let failed = false;
   fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => {
+    if (key !== now) return; // another stretch was chosen meanwhile
     if (found.error) { barren = true; link(); complain(found.error); return; }
     shown = { ...found, string: Number(string) }; barren = !shown.t.length; draw(); link(); if (!barren) fields(); toFleet(); $("past").dataset.points = found.t.length;
   })
-    .catch((e) => { key = ""; complain(e.message); }).finally(() => { busy = false; if (key) follow(latest); });
+    .catch((e) => { failed = true; key = ""; complain(e.message); }).finally(() => { busy = false; if (!failed) follow(latest); });
 }
 
 function draw() {
