@@ -282,7 +282,7 @@ class Guard:
             self._fine |= self._peers.of_any(shown.fine)
         on = np.asarray(active, np.bool_)
         on = on.take(self._channel) if on.ndim else on
-        self._peers.advance(t1_ns, on, shown.updated, shown.changed, self._repeats.lively())
+        self._peers.advance(t1_ns, on, shown.updated, shown.changed, self._repeats.noisy())
         self._neighbours.advance(self._previous, self._anchors.home, shown.updated)
         self._last[channel] = quality
         self._turns.take(channel, time_ns, self._received_ns)
@@ -332,10 +332,10 @@ class Guard:
         left = self._anchors.follow(c, value, usable, seconds, Standing(clock, limit, self._belief.stuck(c), alone))
         stood = clock - self._anchors.since[c]
         stands = stood > np.where(self._belief.proven[c] & ~left.returned, PROVEN_PATIENCE, 1.0) * limit
-        self._repeats.count(c, usable & known, usable & (step == 0.0), self._peers.around[c])
+        self._repeats.count(c, usable & known, value - previous, self._peers.around[c])
         long = np.minimum(stood, self._anchors.held[c]) > SETTLED * limit
         if long.any():
-            stands |= long & self._repeats.lively(c) & self._peers.lively[c] & is_fine
+            stands |= long & self._repeats.lively(c) & self._peers.noisy[c] & is_fine
         stuck = usable & ~jumped & (stands | (left.at_home & proof & is_fine))
         upset = ~usable | jumped | stuck
         proves = left.moved & known & ~upset & (value != self._anchors.home[c])
@@ -356,7 +356,7 @@ class Guard:
 
     def _freezes(self, c: Index | slice) -> NDArray[np.bool_]:
         """Find channels whose run of equal samples noise cannot produce; channels that may stand still are left out."""
-        judged = (self._peers.lively[c] | self._peers.alone[c]) & np.isfinite(self._limits.stuck[c])
+        judged = (self._peers.noisy[c] | self._peers.alone[c]) & np.isfinite(self._limits.stuck[c])
         return np.asarray(judged & self._repeats.freezes(c), np.bool_)
 
     def _channels(self, t1_ns: int) -> NDArray[np.uint8]:

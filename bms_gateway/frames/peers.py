@@ -23,7 +23,7 @@ class Peers:
     ----------
     alone : ndarray of bool (m,)
         Which channels have no peer.
-    lively : ndarray of bool (m,)
+    noisy : ndarray of bool (m,)
         Whether half of each channel's peers were noisy lately.
     around : ndarray of bool (m,)
         Whether the surroundings of each channel move.
@@ -36,7 +36,7 @@ class Peers:
         self._group, self._moving = group, np.zeros(m, np.bool_)
         self._count = np.bincount(group, minlength=1)[group] - 1
         self.alone = self._count == 0
-        self.lively, self.around, self.clock = np.zeros(m, np.bool_), np.zeros(m, np.bool_), np.zeros(m)
+        self.noisy, self.around, self.clock = np.zeros(m, np.bool_), np.zeros(m, np.bool_), np.zeros(m)
         self._end_ns = -1
 
     def others(self, of: Bools) -> NDArray[np.float64]:
@@ -47,7 +47,7 @@ class Peers:
         """Find channels with any channel of their group, or themselves, among `of`."""
         return np.asarray(np.bincount(self._group, of, 1)[self._group] > 0)
 
-    def advance(self, t1_ns: int, active: Bools, updated: Bools, changed: Bools, lively: Bools) -> None:
+    def advance(self, t1_ns: int, active: Bools, updated: Bools, changed: Bools, noisy: Bools) -> None:
         """Count active time for channels whose peers move: among resting peers, standing still proves nothing.
 
         Parameters
@@ -56,13 +56,13 @@ class Peers:
             End of the interval.
         active : ndarray of bool
             Whether enough current flowed.
-        updated, changed, lively : ndarray of bool (m,)
+        updated, changed, noisy : ndarray of bool (m,)
             Which channels had a sample, and a new value, in the interval; which are noisy.
         """
         start, self._end_ns = self._end_ns, t1_ns
         others = self.others(updated)
         self._moving = np.where(others > 0, 2 * self.others(changed) >= others, self._moving)
-        self.lively = (self._count > 0) & (2 * self.others(lively) >= self._count)
+        self.noisy = (self._count > 0) & (2 * self.others(noisy) >= self._count)
         self.around = np.where(self.alone, active, self._moving)
         if start >= 0:
             step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)

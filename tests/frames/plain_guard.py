@@ -46,8 +46,13 @@ class Channel:
     compared: int = 5
     repeats: float = 1.0
     run: int = 0
+    # of the last 200 moves: how many went back against the move before, by more than one and a half of the least one
+    moves: int = 0
+    wide: float = 0.0
+    least: float = math.inf
+    rose: bool = False
     alone: bool = True
-    peers_lively: bool = False
+    peers_noisy: bool = False
     # beside its neighbours: samples accepted in a row, distance from the middle, usual step
     trust: int = 0
     distance: float = math.nan
@@ -70,6 +75,10 @@ class Channel:
     @property
     def kind(self) -> tuple[str, int]:
         return self.rule.quantity, self.rule.group
+
+    @property
+    def noisy(self) -> bool:
+        return self.repeats <= 0.2 or (self.wide >= 0.03 and self.moves >= 40)
 
     @property
     def doubted(self) -> bool:
@@ -137,7 +146,7 @@ class PlainGuard:
             seen = [o for o in others if o.seen]
             if seen:
                 c.peers_move = 2 * sum(o.changed for o in seen) >= len(seen)
-            c.peers_lively = bool(others) and 2 * sum(o.repeats <= 0.2 for o in others) >= len(others)
+            c.peers_noisy = bool(others) and 2 * sum(o.noisy for o in others) >= len(others)
             c.alone = not others
             c.moves_around = on if c.alone else c.peers_move
             if on and c.moves_around:
@@ -181,7 +190,7 @@ class PlainGuard:
         moved, returned = self.follow(c, value, usable, min(seconds, 10.0))
         settled |= strays and c.firm == 3
         stands = c.clock - c.since > (15.0 if c.proven and not returned else 1.0) * limit
-        frozen = self.freezes(c, usable and known, step, 2.0 * limit) and is_fine
+        frozen = self.freezes(c, usable and known, value - c.previous, 2.0 * limit) and is_fine
         came_home, before = returned and settled, c.cause
         stuck = usable and not jumped and (stands or frozen or (came_home and rule.needs_proof and is_fine))
         if usable:
@@ -258,13 +267,21 @@ class PlainGuard:
             c.compared = min(c.compared + more, 600)
             c.repeats += (more * (1.0 - c.repeats) - (step != 0)) / c.compared
             c.run = c.run if step == 0 else 0
-        return c.repeats <= 0.2 and c.peers_lively and min(c.clock - c.since, c.held) > limit
+            if step != 0:
+                c.least = min(c.least, abs(step))
+                wide = (step > 0) != c.rose and abs(step) > 1.5 * c.least
+                c.moves = min(c.moves + 1, 200)
+                c.wide += (wide - c.wide) / c.moves
+                c.rose = step > 0
+        return c.repeats <= 0.2 and c.peers_noisy and min(c.clock - c.since, c.held) > limit
 
     def no_noise(self, c: Channel) -> bool:
         """Whether it gives the same value more often in a row than its noise would, once in a billion samples."""
-        if math.isinf(c.rule.stuck_after_s) or c.repeats > 0.2 or not (c.peers_lively or c.alone):
+        if math.isinf(c.rule.stuck_after_s) or not c.noisy or not (c.peers_noisy or c.alone):
             return False
-        return c.run >= 5 and c.repeats**c.run < 1e-9
+        if c.repeats <= 0.2:
+            return c.run >= 5 and c.repeats**c.run < 1e-9
+        return c.run >= 5 and c.run * (1.0 - c.repeats) > 20.7
 
     def follow(self, c: Channel, value: float, usable: bool, seconds: float) -> tuple[bool, bool]:
         """Whether the anchor has moved, and whether the channel has come home."""

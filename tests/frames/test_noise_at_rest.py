@@ -15,6 +15,7 @@ from bms_gateway.frames.anchor import SETTLED, Anchors, Standing
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.repeats import Repeats
 from bms_gateway.frames.rules import Rule, default_rule
 from tests.frames.guard_runs import FINE, run
 
@@ -168,7 +169,7 @@ def test_a_sensor_seen_for_seconds_has_shown_no_noise() -> None:
 def test_where_sensors_are_quiet_one_may_stand_for_five_minutes() -> None:
     """Its peers move on; that it was never noisy itself, or that they are not, is a reason to wait."""
     rng = np.random.default_rng(5)
-    moving = np.round(25.0 + 0.002 * np.arange(1200)[:, None] + 0.004 * rng.standard_normal((1200, 3)), 2)
+    moving = np.round(25.0 + 0.002 * np.arange(1200)[:, None] + 0.002 * rng.standard_normal((1200, 3)), 2)
     noisy_one = np.round(25.0 + 0.05 * rng.standard_normal((1200, 1)), 2)
     noisy_one[600:] = noisy_one[599]
     quiet_one = np.round(25.0 + 0.004 * np.arange(1200)[:, None], 2)
@@ -178,6 +179,47 @@ def test_where_sensors_are_quiet_one_may_stand_for_five_minutes() -> None:
     told, _ = run([FINE] * 4, np.hstack([quiet_one, noisy(rng, 3, 0.05, 0.01, 1200)]))
     assert (told[20:890, 0] == Quality.GOOD).all()
     assert (told[910:, 0] == Quality.STUCK).all()
+
+
+STEPS = [(0.05, 0.1), (0.1, 0.1), (0.045, 0.1), (0.25, 0.5)]
+"""Noise and step of readings that give the same value twice in 27 to 60 % of the samples."""
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("noise", "step"), STEPS)
+def test_a_sensor_that_freezes_in_steps_as_wide_as_its_noise_is_held_back_in_90_s(
+    noise: float, step: float, seed: int
+) -> None:
+    """It was used for five minutes and more, and seemed to come loose, or its cell to have a short."""
+    rng = np.random.default_rng(seed)
+    warming = 0.003 * np.arange(1300)[:, None]
+    series = np.round((30.0 + rng.uniform(0, 1, 3) + warming + noise * rng.standard_normal((1300, 3))) / step) * step
+    series[1000:1200, 0] = series[999, 0]
+    guard, every, flag = Guard([rule_of(step)] * 3), np.arange(3), np.zeros(3, np.uint8)
+    told = [
+        guard.update(np.full(3, t * S), every, row, flag, (t + 1) * S, True).quality[0] for t, row in enumerate(series)
+    ]
+    assert set(told[60:1000]) == {Quality.GOOD}
+    assert told.index(Quality.STUCK, 60) <= 1090
+    assert set(told[1090:1200]) == {Quality.STUCK}
+    assert set(told[1201:]) == {Quality.GOOD}
+
+
+@pytest.mark.parametrize("follows", [0.0, 0.5, 0.8])
+@pytest.mark.parametrize("noise", [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
+def test_of_sound_sensors_that_repeat_much_hardly_a_sample_is_held_back(noise: float, follows: float) -> None:
+    """In 1,200 hours of warming and cooling through all places between two steps, the noise white or with a memory."""
+    channels, rng, before = 600, np.random.default_rng(11), None
+    repeats, all_, n, held = Repeats(channels), np.ones(channels, np.bool_), np.zeros(channels), 0
+    place = rng.uniform(0.0, 1.0, channels)
+    for t in range(7200):
+        n = follows * n + sqrt(1.0 - follows**2) * rng.standard_normal(channels)
+        value = np.round(place + 1.2 * np.sin(2.0 * np.pi * t / 3600.0) + noise * n)  # in steps
+        if before is not None:
+            repeats.count(slice(None), all_, value - before, all_)
+            held += int(np.count_nonzero(repeats.freezes(slice(None))))
+        before = value
+    assert held < 1e-5 * 7200 * channels
 
 
 def test_an_input_disturbed_before_it_had_a_home_is_found_after_twenty_seconds_at_it() -> None:
