@@ -19,6 +19,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import LARGEST_BITS, Encoder, not_available
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS
+from bms_gateway.identify.sensor_noise import resolution
 from bms_gateway.thermal import Floats
 
 SECOND = 1_000_000_000
@@ -35,6 +36,9 @@ interpolated over them for at most this number of seconds."""
 EDGE_S = 1e-6  # width of a step in a series: below any time stamp that matters
 SAME_CURRENT = 0.01  # share of the greatest current, up to which two readings are of one level
 CHUNK_S = 600
+COARSE_K, OFTEN_SAME, SAME_STEP, LEAST_ROWS = 0.05, 0.1, 1e-3, 30
+"""A sensor counts in steps of the first number, K, and more, if the share of values equal to the one before exceeds the
+second, and each value is a whole number of steps, to the third, from the first value; so many rows show it."""
 
 Key = tuple[str, int | None]
 """A quantity of a string, and the cell (from 1) where it has one."""
@@ -54,12 +58,15 @@ class Series:
         Between points further apart than this the value is unknown.
     blanks : ndarray (H, 2), s
         Between these instants the value is unknown: rows say that it was not read.
+    coarse : bool
+        Values are those of the nearest point: lines would hide that the sensor counts in coarse steps.
     """
 
     time_s: Floats
     value: Floats
     hole_s: float = np.inf
     blanks: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    coarse: bool = False
 
     def at(self, t: Floats) -> Floats:
         """Value at the instants `t` (N,); NaN in holes and blanks, and outside the ends by more than a hole."""
@@ -73,14 +80,18 @@ class Series:
         there = inside & (t <= self.time_s[-1]) | ends
         for begin, end in self.blanks:
             there &= (t <= begin) | (t >= end)
-        return np.where(there, np.interp(t, self.time_s, self.value), np.nan)
+        if self.coarse:
+            x = self.value[np.searchsorted((self.time_s[1:] + self.time_s[:-1]) / 2.0, t, "right")]
+        else:
+            x = np.interp(t, self.time_s, self.value)
+        return np.where(there, x, np.nan)
 
 
 def lines(time_s: Floats, value: Floats) -> Series:
     """Series of a quantity that changes continuously, such as a temperature; NaN rows are skipped."""
     known = np.isfinite(value)
-    t = time_s[known]
-    return Series(t, value[known], _hole(t), _blanks(time_s, known, min(_hole(t), LONGEST_LINE_S)))
+    t, v = time_s[known], value[known]
+    return Series(t, v, _hole(t), _blanks(time_s, known, min(_hole(t), LONGEST_LINE_S)), _coarse(v))
 
 
 def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None) -> Series:
@@ -142,6 +153,15 @@ def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
         if c.statistic is not None and columns:
             feed[c.key] = lines(t, statistic_of(c.statistic, columns))
     return feed
+
+
+def _coarse(value: Floats) -> bool:
+    """Return whether a sensor counts in coarse steps and often gives the same value twice."""
+    step = resolution(value) if len(value) >= LEAST_ROWS else 0.0
+    if step < COARSE_K or np.mean(np.diff(value) == 0.0) < OFTEN_SAME:
+        return False
+    off = (value - value[0]) / step
+    return bool((np.abs(off - np.round(off)) < SAME_STEP).all())
 
 
 def _hole(t: Floats, intervals: float = HOLE_INTERVALS) -> float:

@@ -135,6 +135,7 @@ class Drive:
             series.value,
             series.hole_s,
             series.blanks,
+            series.coarse,
             noise,
             self._rng if noise else None,
             change,
