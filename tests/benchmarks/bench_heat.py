@@ -31,6 +31,7 @@ RIGHT = {
     "off": ("thermocouple",),
     "loose": ("thermocouple",),
     "drift": ("thermocouple",),
+    "held": ("thermocouple",),
     "jump": ("thermocouple",),
     "scale": ("missing_heat",),
     "stuck": ("missing_heat",),
@@ -145,7 +146,7 @@ def table() -> list[Case]:
         for drive in ("urban", "rest"):
             rows += [Case(pack, 0, drive=drive, fault="heat", cell=6, size=w) for w in sensed]
             rows += [Case(pack, 0, drive=drive, fault="heat", cell=7, size=w) for w in beside]
-        rows += [Case(pack, 0, drive="us06", fault=f) for f in ("fan", "pump", "frozen", "off")]
+        rows += [Case(pack, 0, drive="us06", fault=f) for f in ("fan", "pump", "frozen", "off", "held")]
         rows += [
             Case(pack, 0, drive="us06", fault="loose", size=0.3),
             Case(pack, 0, 7200, drive="us06", fault="drift", size=1.0),

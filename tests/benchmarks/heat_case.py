@@ -44,8 +44,8 @@ class Case:
     drive : str
         "urban", "us06", "udds", or "rest".
     fault : str
-        "" for none, "heat", "fan", "pump", "frozen", "off", "loose", "drift", "jump", "scale", "stuck"; "flow", a step
-        that is no fault and not recorded.
+        "" for none, "heat", "fan", "pump", "frozen" (the inlet), "held" (a thermocouple that freezes), "off", "loose",
+        "drift", "jump", "scale", "stuck"; "flow", a step that is no fault and not recorded.
     cell : int
         1-based, of heat or of a thermocouple.
     size : float
@@ -54,7 +54,7 @@ class Case:
     at : int
         s, when it begins.
     lasts : int
-        s; 0 for ever. Of heat.
+        s; 0 for ever. Of heat, and of a thermocouple that is held.
     step : float
         K, of the readings.
     hard : bool
@@ -197,13 +197,9 @@ def _voltage(c: Case, x, tr) -> np.ndarray:
     return np.round(V / 0.002) * 0.002
 
 
-def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.ndarray, tr) -> Made:
-    K, n = c.seconds, c.cells
-    surface, coolant, core = tr.surface[1:].copy(), tr.coolant[1:], tr.core[1:]
-    offset = rng.normal(0, 0.2, n) + np.cumsum(rng.normal(0, 0.1 / 60.0, (K, n)), axis=0)
-    inlet = air[1:] + rng.normal(0, 0.3)
-    if c.hard:  # what meets the cells is not what the sensor reads
-        inlet = inlet + rng.normal(0, 0.4) * np.sin(2 * np.pi * np.arange(K) / rng.uniform(2000, 6000))
+def _misread(c: Case, surface: np.ndarray, coolant: np.ndarray) -> np.ndarray:
+    """What the thermocouples feel (K, n): the surfaces, but for a fault of one or several of them."""
+    K = c.seconds
     y = surface.copy()
     k, after = c.cell - 1, np.arange(K) >= c.at
     hours = np.maximum(np.arange(K) - c.at, 0) / 3600.0
@@ -218,6 +214,17 @@ def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.nda
         y[:, k] += c.size * hours
     elif c.fault == "jump":
         y[:, k] += after * c.size
+    return y
+
+
+def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.ndarray, tr) -> Made:
+    K, n = c.seconds, c.cells
+    surface, coolant, core = tr.surface[1:].copy(), tr.coolant[1:], tr.core[1:]
+    offset = rng.normal(0, 0.2, n) + np.cumsum(rng.normal(0, 0.1 / 60.0, (K, n)), axis=0)
+    inlet = air[1:] + rng.normal(0, 0.3)
+    if c.hard:  # what meets the cells is not what the sensor reads
+        inlet = inlet + rng.normal(0, 0.4) * np.sin(2 * np.pi * np.arange(K) / rng.uniform(2000, 6000))
+    y, k = _misread(c, surface, coolant), c.cell - 1
     y = y + offset + rng.normal(0, c.noise, (K, n))
     inlet = inlet + rng.normal(0, 0.03, K)
     if c.fault == "frozen":
@@ -226,6 +233,8 @@ def _read(c: Case, rng: np.random.Generator, x, current: np.ndarray, air: np.nda
         current = current.copy()
         current[c.at :] = 150.0 * AMPS[c.pack]
     y = np.round(y / c.step) * c.step if c.step else y
+    if c.fault == "held":
+        y[c.at : c.at + c.lasts if c.lasts else None, k] = y[c.at - 1, k]
     inlet = np.round(inlet / 0.01) * 0.01
     sensed = np.isin(np.arange(n), np.array(c.sensors) - 1)
     return Made(c, current, inlet, np.where(sensed, y, np.nan), core, tr.surface[1:], _voltage(c, x, tr))

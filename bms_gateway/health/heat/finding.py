@@ -33,7 +33,7 @@ class Finding:
     colder_ns : int or None
         Since when the readings show that the cell would be cooled.
     still_s : float
-        s for which a frozen inlet has read the same; 0 for other faults.
+        s for which a frozen inlet has read the same, or, longer than is usual, the thermocouple of a fault; else 0.
     sure : float
         Probability of this cause when the finding was reported.
     """

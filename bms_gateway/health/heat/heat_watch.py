@@ -16,6 +16,7 @@ from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import LATE_S, ONE_FAULT_S, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding, SeenStep
+from bms_gateway.health.heat.frozen import alone
 from bms_gateway.health.heat.heat_tick import HeatTick
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.lost_inlet import LostInlet
@@ -275,14 +276,15 @@ class HeatWatch:
         aside = np.stack([v.aside for v in self.verdicts])
         self.course.hear(inlet1, read_inlet, f.dt)
         self.course.compare(f, f.at.fitted & ~aside, np.stack([v.jumped for v in self.verdicts]))
-        use = np.where(heard[:, None] & ~aside, y, np.nan)
+        off = aside | self._still(aside)
+        use = np.where(heard[:, None] & ~off, y, np.nan)
         used = np.isfinite(use)
         f.film = self.course.film
         x = f.step(Step(heat, current, inlet0, inlet1, use, R, when))
         cools = f.calm & (np.where(used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
         self._seen = _Seen(used, x.surface - x.coolant, np.asarray(cools, np.bool_))
         self._mend()
-        if aside.any():
+        if off.any():
             self._beside(x, y, R)
         self.evidence.take(x, read=bool(usable.any()))
         self._age += f.dt
@@ -297,6 +299,14 @@ class HeatWatch:
         )
         self._sensors.learn(x.nu, x.var, used & quiet[:, None], f.calm, f.dt)
         return found
+
+    def _still(self, aside: Bools) -> Bools:
+        """Find thermocouples (S, m), of those that are not set aside, that stand unusually still."""
+        self.course.still = self._sensors.still * self._grid.tick_s
+        still = alone(self.course.still, self.filter.at.fitted & ~aside)
+        for v in self.verdicts:
+            v.still = still[v.s]
+        return still
 
     def _wake(self, inlet: Floats, y: Floats, now_ns: int) -> None:
         """Go through a sleep that ends with an inlet (S,) and readings (S, m); restart strings that did not rest."""
@@ -369,7 +379,7 @@ class HeatWatch:
         self.course.forget(new)
         self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))
-        of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
+        of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT) | self.course.still.any(axis=1)
         sound = heard & ~new & ~self._lost.lost & np.array([not v.of_string for v in self.verdicts])
         usual = self.evidence.usual(w, self._age > ONE_FAULT_S)
         learnt = np.clip(usual, 0.0, SURE) - self.course.ln

@@ -50,8 +50,8 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         )
         return (
             f"cell {f.cell} heats by itself: {now}, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % "
-            f"sure{beside}){else_}: an internal short is likely (or heat from outside, as of sun or a heater): stop, "
-            "cool the string and watch the cell"
+            f"sure{beside}){else_}{_may_be_frozen(f)}: an internal short is likely (or heat from outside, as of sun or "
+            "a heater): stop, cool the string and watch the cell"
         )
     if f.code == "missing_heat":
         return (
@@ -61,7 +61,7 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
     if f.code == "cooling":
         lost = f"(R_u {signed(100 * f.size, 0)} %)"
         return f"heat leaves all cells less well {lost}{else_}: check fan or pump, filter and ducts"
-    if f.still_s:
+    if f.code == "inlet" and f.still_s:
         return (
             f"the coolant inlet has read exactly the same for {f.still_s / 60.0:.0f} min, and before it moved all the "
             f"time{else_}: its sensor is frozen, check it"
@@ -71,8 +71,19 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
             f"the coolant inlet reads {signed(-f.size)} K off what the cells feel{else_}: its sensor is frozen "
             "or wrong, check it"
         )
+    if f.still_s:
+        return (
+            f"thermocouple of cell {f.cell} has read exactly the same for {f.still_s / 60.0:.0f} min, much longer than "
+            f"before{else_}: it is frozen, check its plug and its amplifier"
+        )
     what = TROUBLE[f.kind].format(signed(f.size), 100 * f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
+
+
+def _may_be_frozen(f: "Finding") -> str:
+    """Say that the thermocouple which shows heat stands unusually still."""
+    minutes = f.still_s / 60.0
+    return f"; its thermocouple has read exactly the same for {minutes:.0f} min and may be frozen" if minutes else ""
 
 
 def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str, float], ...]:

@@ -30,6 +30,10 @@ LEAST_CASING_SD = 0.01
 LEARN_S, LONG = 600.0, 18
 """Time constant, s, with which this error is learnt; and number of steps whose mean innovation must also agree with its
 sd: a lag or a drift of minutes is not visible from one step to the next."""
+UNUSUAL, LEAST_RUN, LEARNT = 3.0, 20, 600
+"""A thermocouple stands unusually still if it has read the same for so many times the longest such time of the last
+hour, and for so many ticks; so many ticks show what is usual. A sensor that has frozen does."""
+HOUR = 3600.0  # ticks
 MOST_GROWN = 5.0
 """Greatest rate at which the error grows, over that of `LEARN_S`."""
 
@@ -48,6 +52,7 @@ class Thermocouples:
         self._last = np.full(shape, np.nan)
         self._all, self._stairs = CommonStep(shape), CommonStep(shape)
         self._repeats = np.zeros(shape, np.int64)
+        self._run, self._longest, self._ticks = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._noise = np.full(shape, READING_SD**2)
         self._casing = np.full((2, *shape), CASING_SD**2)  # K², driven and at rest
         self._ratios = np.ones((2, 2, *shape))  # squared innovations over their variance: of a step, of `LONG`
@@ -67,6 +72,20 @@ class Thermocouples:
         first = stairs & (self._all.changes > 0) & (self._stairs.changes == 0)
         step = np.where(stairs, self._stairs.step, self._all.step)
         return np.where(first, common_divisor(np.full(step.shape, COARSEST), self._stairs.most), step)
+
+    @property
+    def still(self) -> Floats:
+        """Number of ticks (S, m) for which a thermocouple has read the same, if that is unusual for it; else 0."""
+        unusual = (self._run >= LEAST_RUN) & (self._run > UNUSUAL * self._longest) & (self._ticks >= LEARNT)
+        return np.where(unusual, self._run, 0.0)
+
+    def _follow(self, stands: Bools, read: Bools) -> None:
+        """Note which thermocouples (S, m) repeat their reading in a tick, of those that have one."""
+        moves = read & ~stands
+        self._ticks += read
+        self._longest *= 1.0 - 1.0 / HOUR
+        self._longest = np.where(moves, np.maximum(self._longest, self._run), self._longest)
+        self._run = np.where(moves, 0.0, self._run + stands)
 
     def pause(self) -> None:
         """Note a time without frames."""
@@ -119,6 +138,7 @@ class Thermocouples:
         for now in y:  # steps are visible between rare frames too
             stands = np.abs(now - self._all.newest) <= SAME
             self._repeats += stands
+            self._follow(np.asarray(stands, np.bool_), np.isfinite(now))
             self._all.take(now)
             self._stairs.take(np.where(stands, now, np.nan))
         change = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))

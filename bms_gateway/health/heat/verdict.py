@@ -6,12 +6,13 @@ from math import isnan, nan, sqrt
 
 import numpy as np
 
-from bms_gateway.health.heat import many_heats
+from bms_gateway.health.heat import levels, many_heats
 from bms_gateway.health.heat.course import COOLING_BACK, FROZEN_K, FROZEN_S, MISSING_BACK, Course
 from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding, SeenStep, held, lasted
+from bms_gateway.health.heat.frozen import THAWED_S, frozen, note_still, shown_by, thawed
 from bms_gateway.health.heat.heat_end import ENDED_S, LEAST_RATE, has_ended, heat_there
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.many_heats import SURE, Together
@@ -23,29 +24,6 @@ from bms_gateway.health.heat.slips import BURNT_C, COLDER_S, as_found, failed_si
 from bms_gateway.health.heat.standing import HOLD_COMMON_S, HOLD_S, INLET_OFF, INLET_SURE, Standing
 from bms_gateway.thermal import Floats
 
-ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 7.0, Kind.STREAM: 9.0}
-"""The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
-LOAD_DENIED = 2.0  # the same for missing heat of the current, where the voltage denies the current too
-ALONE, ALONE_HEAT = 0.95, 0.998
-"""Least probability of a cause that is reported at once. It is higher for heat, because a thermocouple that comes off
-while its cell cools looks like heat for a minute."""
-WAIT_S = 180.0
-"""Time after which a certain fault with several possible causes is reported with the likeliest of them."""
-ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
-LEAST_SHARE, ALONE_SHARE = 0.1, 3.0
-"""Least heat that is a fault besides `LEAST_RATE`, as a share of the heat by the cell's current. The second number
-holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
-several times its usual heat. Without a measured inlet only heat at rest is a fault, because cooling that is switched
-off looks like heat."""
-LEAST_JUMP, BACK_JUMP = 0.7, 0.4
-"""K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
-COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
-YOUNG_S = 900.0
-"""s since a start, in which cells and thermocouples that differ by more than those of one string do mean that the state
-was found with a fault."""
-QUIET_SD, QUIET_S = 3.0, 900.0
-"""A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
-
 
 @dataclass(slots=True)
 class Verdict:
@@ -56,6 +34,8 @@ class Verdict:
     findings : list of Finding
     aside : ndarray of bool (m,)
         Thermocouples whose readings are not used.
+    still : ndarray of bool (m,)
+        Those of the others that stand unusually still; their readings are not used either.
     woke_ns : int or None
         When the string last woke from a sleep.
     seen : SeenStep
@@ -69,6 +49,7 @@ class Verdict:
     evidence: Evidence
     course: Course
     aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
+    still: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
     seen: SeenStep = field(init=False)
@@ -84,8 +65,8 @@ class Verdict:
     _inlet_C: float = nan
 
     def __post_init__(self) -> None:
-        self.aside = np.zeros(self.of.at.sensed, np.bool_)
         m = self.of.at.sensed
+        self.aside, self.still = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self.seen = SeenStep(np.ones(m, np.bool_), np.zeros(m), cools=False, age_s=0.0)
         self._standing = Standing(self.s, self.of, self.evidence, self.course)
 
@@ -128,11 +109,12 @@ class Verdict:
             New findings, and those that have ended (level 0).
         """
         told = self._prove(now_ns) + self._followed(now_ns) + self._left(now_ns) + self._also_heat(now_ns)
+        told += self._stand_still(now_ns)
         if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
             self.evidence.forget(self.s)
             return told
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
-        if each.max() < LOAD_DENIED:
+        if each.max() < levels.LOAD_DENIED:
             self._stands = 0
         else:
             told += self._weighed(each, w, now_ns)
@@ -180,7 +162,8 @@ class Verdict:
                 sensors = many_heats.thermocouples_together(self.evidence, self.course, self.s, ~self.aside)
         many = many_heats.likelier(heats, sensors)
         kind = Kind(int(kinds[best]))
-        enough = LOAD_DENIED if kind is Kind.LOAD and self.course.denied[self.s] else ENOUGH.get(kind, SURE)
+        denied = kind is Kind.LOAD and self.course.denied[self.s]
+        enough = levels.LOAD_DENIED if denied else levels.ENOUGH.get(kind, SURE)
         several = many is not None and many.ln >= max(SURE, float(E[best]))
         if each[best] < enough and not several:
             self._stands = 0
@@ -193,8 +176,8 @@ class Verdict:
             return self._one_weighed(E, w, (share, heats), held_s, now_ns)
         alone = float(share[(kinds == Kind.HEAT) if many is heats else (kinds > Kind.HEAT) & (kinds < Kind.FLOW)].sum())
         poor = bool(self.course.poor[self.s] and (many is sensors or not self.of.calm[self.s]))
-        sure = alone >= (ALONE_HEAT if many is heats else ALONE)
-        if held_s < HOLD_S or (not sure and held_s < WAIT_S) or (poor and (many is sensors or not sure)):
+        sure = alone >= (levels.ALONE_HEAT if many is heats else levels.ALONE)
+        if held_s < HOLD_S or (not sure and held_s < levels.WAIT_S) or (poor and (many is sensors or not sure)):
             return []
         if many_heats.may_be_heats(self.evidence, self.s, many.kind, many.onset, many.ln, heats):
             return []
@@ -212,7 +195,7 @@ class Verdict:
         kind, j = Kind(int(kinds[best])), int(place[best])
         onset = int(w.ln[self.s, :, best].argmax())
         hidden = self._hidden(now_ns)
-        slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - ALIKE).any())
+        slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - levels.ALIKE).any())
         if slept and kind >= Kind.FLOW and not self.findings:
             self.evidence.forget(self.s)  # a change of all cells during the sleep may come from a drive
             self.of.running[self.s], self._stands = False, 0
@@ -228,16 +211,17 @@ class Verdict:
         same = kinds == kind if kind is Kind.HEAT or kind >= Kind.FLOW else sensors & (place == j)
         alone = float(share[same].sum())
         # the causes of a change during a sleep cannot be distinguished later either
-        waited = held_s >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
+        waited = held_s >= (HOLD_S if slept else levels.WAIT_S) and each[best] >= SURE
         # under load, no thermocouple is reported with a poor model: heat is not reported instead of it
         loaded = not bool(self.of.calm[self.s])
         waited = waited and not (kind is Kind.HEAT and loaded and self.course.poor[self.s])
         waited = waited and not undecided(self.evidence, self.s, E, best, onset)
-        sure = alone >= (ALONE_HEAT if kind is Kind.HEAT else ALONE)
+        sure = alone >= (levels.ALONE_HEAT if kind is Kind.HEAT else levels.ALONE)
         sure = sure and held_s >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
         if early(self.evidence, self.s, E, best, onset) or not (sure or waited):
             return []
-        if many_heats.may_be_heats(self.evidence, self.s, kind, onset, float(E[best]), many):
+        frozen_shows = kind < Kind.FLOW and not self._proven and shown_by(self.of, self.s, (kind, j), self.still)
+        if frozen_shows or many_heats.may_be_heats(self.evidence, self.s, kind, onset, float(E[best]), many):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
 
@@ -264,7 +248,7 @@ class Verdict:
         sizes, bias = {place: amplitude}, f.z[s, f.at.bias].copy()
         slips = kind is Kind.JUMP and amplitude < 0.0 and heats_at(self.findings, int(f.at.sensors[s, place]))
         if kind is Kind.HEAT:
-            young = self.seen.age_s < YOUNG_S and not (self.hot or f.usual.alone[s])
+            young = self.seen.age_s < levels.YOUNG_S and not (self.hot or f.usual.alone[s])
             if young and self.course.unlike[s]:  # the state was found with this heat
                 f.unlearn(s)
             sizes = share_out(f, self.evidence, self.course, s, w, fault)
@@ -294,7 +278,7 @@ class Verdict:
         s, f, e = self.s, self.of, self.evidence
         age_s = float(e.ages(s)[many.onset])
         weighed = [many_heats.given(e, s, many, j) for j in many.faults]
-        if self.seen.age_s < YOUNG_S and not self.hot and self.course.unlike[s]:
+        if self.seen.age_s < levels.YOUNG_S and not self.hot and self.course.unlike[s]:
             f.unlearn(s)
         share[list(many.faults)] = 0.0  # the heat in one of the cells is no other cause of that in the next
         told = []
@@ -353,7 +337,7 @@ class Verdict:
         load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.usual.C[s, place])
         negative = f.usual.alone[s] and f.z[s, f.at.load] < -1.0  # the model would need a current that cools
         unsure = self.course.constant_inlet[s] or negative
-        if new.size < max(rest, (ALONE_SHARE if self.course.few[s] else LEAST_SHARE) * load) or (
+        if new.size < max(rest, (levels.ALONE_SHARE if self.course.few[s] else levels.LEAST_SHARE) * load) or (
             unsure and load > rest
         ):
             return False
@@ -369,7 +353,7 @@ class Verdict:
         s, place = self.s, new.place
         new.code, new.cell = "thermocouple", int(self.of.at.sensors[s, place]) + 1
         if new.kind is Kind.JUMP:
-            if abs(new.size) < max(LEAST_JUMP, COARSE * float(self.course.fine[s, place])):
+            if abs(new.size) < max(levels.LEAST_JUMP, levels.COARSE * float(self.course.fine[s, place])):
                 return False
         else:
             self.aside[place] = True
@@ -402,6 +386,18 @@ class Verdict:
             told.append(new)
         return told
 
+    def _stand_still(self, now_ns: int) -> list[Finding]:
+        """Set thermocouples aside that are frozen."""
+        told = []
+        for place in frozen(self.course, self.s, self.still, self._residual, self._residual_sd).tolist():
+            since = now_ns - round(float(self.course.still[self.s, place]) * 1e9)
+            new = Finding("", None, 1, since, kind=Kind.LAG, place=place, size=1.0)
+            self._fails(new)
+            self.evidence.forget(self.s)
+            self._tell(new, now_ns)
+            told.append(new)
+        return told
+
     def _followed(self, now_ns: int) -> list[Finding]:
         """Update the findings; return those that have ended."""
         told, reads = [], self.course.reads_all_along(self.s)
@@ -427,9 +423,12 @@ class Verdict:
             seen = not (self._proven or failed.any()) or watched(f, s, g.place, self.seen.read & ~failed)
             return self._quiet(g, now_ns, low and seen and not self.burning, ENDED_S)
         if g.kind is Kind.JUMP and not self.aside[g.place]:
-            return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
+            return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < levels.BACK_JUMP, 60.0)
+        if g.code == "thermocouple" and g.still_s and self.aside[g.place]:
+            off, sd = float(self._residual[g.place]), float(self._residual_sd[g.place])
+            return self._quiet(g, now_ns, thawed(self.course, s, g, off, sd), THAWED_S)
         if g.code == "thermocouple":
-            return self._quiet(g, now_ns, not self.aside[g.place] or self._near(g), QUIET_S)
+            return self._quiet(g, now_ns, not self.aside[g.place] or self._near(g), levels.QUIET_S)
         if g.code == "cooling":
             return self._quiet(g, now_ns, self._grown() < COOLING_BACK, 120.0)
         if g.code == "inlet":
@@ -444,7 +443,7 @@ class Verdict:
         would = g.size * float(self._shows[g.kind][g.place]) if g.kind in self._shows else np.inf
         if g.low_ns is not None:
             g.low_ns += round(max(0.0, 1.0 - (would / sd) ** 2) * self.of.dt * 1e9)  # an invisible fault says little
-        return abs(off) < QUIET_SD * sd and (abs(would) < sd or abs(off) < abs(off - would))
+        return abs(off) < levels.QUIET_SD * sd and (abs(would) < sd or abs(off) < abs(off - would))
 
     def _end(self, g: Finding, now_ns: int) -> None:
         self.findings.remove(g)
@@ -496,4 +495,6 @@ class Verdict:
             g.size = min(g.size, max(0.0, float(f.made()[0][s])))
         elif g.kind is Kind.HEAT:
             g.heat, g.heat_sd = heat_there(f, s, g.place, g.places)
+        if g.kind is Kind.HEAT or (g.code == "thermocouple" and self.aside[g.place]):
+            note_still(f, self.course, s, g)
         g.text = sentence(g, at.cells, now_ns)
