@@ -92,12 +92,12 @@ class Alerting:
         wrong = self._wrong()
         sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed, failed & (quality != STALE), wrong)
         seen = np.repeat(readings.seen(GOOD), self._sizes)
-        trusted = ((quality == GOOD) | (quality == ESTIMATED)) & seen
-        trusted &= (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
-        trusted &= ~wrong
+        watched = ((quality == GOOD) | (quality == ESTIMATED)) & seen
+        known = (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
+        trusted = watched & known & ~wrong
         quiet = t1 - heard >= QUIET_S * 1e9
         core, centre, centre_sd = newest.with_withheld()
-        self.limits.step(t1 / 1e9, Points(centre, centre_sd, core, trusted), sensed, quiet)
+        self.limits.step(t1 / 1e9, Points(centre, centre_sd, core, trusted, watched), sensed, quiet)
         told: list[Event] = []
         current = np.repeat(readings.means[4], self._sizes)
         if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):

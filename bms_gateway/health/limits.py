@@ -41,6 +41,7 @@ LOST_S: Final = 5.0  # a short disturbance, and the time for which the guard the
 FOUND_S: Final = 30.0  # a sensor that continues its course within this time was not lost
 REBOUND_K: Final = 5.0  # a sensor that fell, and then rises by so much, touches its cell again
 UNSEEN_S: Final = 10.0  # a cell without a reading for longer counts as unseen: one or two readings may be missing
+SEEN_S: Final = 60.0  # a cell that was unseen counts as seen after so long: a loose contact makes one report, not ten
 OLDER: Final = {"_high": "last", "_high_s": "last_s"}  # names that states of older versions have instead
 NAMED: Final = 6
 MOST: Final = {
@@ -93,13 +94,17 @@ class Points(NamedTuple):
     core : ndarray (N,)
         Core, °C, for the text of the alarm.
     trusted : ndarray of bool (N,)
-        The estimate uses good sensors: the cell's own one, or, for a cell without a sensor, some of its string.
+        The estimate may end an alarm: it is known, and uses good sensors, the cell's own one, or, for a cell without
+        a sensor, some of its string.
+    watched : ndarray of bool (N,), optional
+        These sensors are read, whatever is known of the hottest point; None: where the estimate is trusted.
     """
 
     value: Floats
     sd: Floats
     core: Floats
     trusted: Bools
+    watched: Bools | None = None
 
 
 class Limit:
@@ -246,9 +251,12 @@ class Limits:
         self.lost, self._failing, self._broke = np.zeros((3, cells), np.bool_)
         self._loss = np.full((4, cells), np.nan)  # last reading, °C, its time, s, its rate, K/s, time of the failure, s
         self._unseen_s = np.full(cells, UNSEEN_S) if stale_s is None else np.maximum(stale_s, UNSEEN_S)
-        self._now_s = -np.inf
-        unknown = np.full(cells, np.nan)
-        self._points = Points(unknown, unknown, unknown, np.zeros(cells, np.bool_))
+        self._now_s = 0.0
+        unknown, no = np.full(cells, np.nan), np.zeros(cells, np.bool_)
+        self._points = Points(unknown, unknown, unknown, no)
+        # last reading of each surface, °C, believed or not, and its time, s; whether its sensor is reported to be wrong
+        self._read, self._read_s, self._wrong = unknown.copy(), np.full(cells, -np.inf), no
+        self._blind_s = {(what, name): -np.inf for what in ("core", "surface") for name in names}
 
     def step(self, now_s: float, points: Points, sensed: Sensed, quiet: bool) -> None:
         """Take a tick.
@@ -267,6 +275,8 @@ class Limits:
         if self._failing.any() or self.lost.any():
             self._lose(now_s, sensed, quiet)
         surface, read = self.surface, np.isfinite(sensed.good)
+        self._read, self._read_s = np.where(read, sensed.good, self._read), np.where(read, now_s, self._read_s)
+        self._wrong = np.zeros_like(read) if sensed.wrong is None else sensed.wrong
         if not quiet and surface.over.any():
             self._broke |= surface.over & (sensed.failed if sensed.broken is None else sensed.broken)
         ends = read & ~self.lost  # a sensor that failed in heat ends no alarm before a person has looked
@@ -276,6 +286,26 @@ class Limits:
         self._broke &= surface.over & ~read
         trusted = points.trusted & ~surface.over & ~surface.fallen & ~self.lost
         self.core.update(now_s, points.value, trusted, points.sd)
+        self._look()
+
+    def _look(self) -> None:
+        """Note at which strings with an alarm no hot cell is seen now."""
+        for what, limit in (("core", self.core), ("surface", self.surface)):
+            if limit.over.any():
+                unseen = limit.over & ~self._seen(limit)
+                for name, part in zip(self._names, self._parts, strict=True):
+                    if unseen[part].any() and not (limit.over & ~unseen)[part].any():
+                        self._blind_s[what, name] = self._now_s
+
+    def _seen(self, limit: Limit) -> Bools:
+        """Return for which cells (N,) a present value is believed enough to be told as that of the cell."""
+        seen = self._now_s - limit.last_s <= self._unseen_s
+        if limit is self.surface:
+            return np.asarray(seen & ~self._wrong & ~self.lost & ~limit.fallen)
+        # an estimate or a surface that fell too fast is still there, though it ends no alarm
+        p = self._points
+        watched = p.trusted if p.watched is None else p.watched
+        return np.asarray(seen | (((watched & ~self.lost) | self.surface.fallen) & np.isfinite(p.value)))
 
     def _fail(self, now_s: float, sensed: Sensed) -> None:
         """Find thermocouples that fail while their cells heat."""
@@ -355,21 +385,16 @@ class Limits:
 
     def _over(self, what: str, limit: Limit, name: str, part: slice) -> Condition:
         over = np.flatnonzero(limit.over[part]) + part.start
-        known = self._now_s - limit.last_s <= self._unseen_s
-        if limit is self.core:  # an estimate or a surface that fell too fast is still there, though it ends no alarm
-            p = self._points
-            known |= ((p.trusted & ~self.lost) | self.surface.fallen) & np.isfinite(p.value)
-        seen = over[known[over]]
-        unseen = not len(seen)
-        among = over if unseen else seen
+        read = self._now_s - self._read_s <= self._unseen_s
+        seen = over[self._seen(limit)[over]]
+        doubted = over[read[over]] if limit is self.surface else over[:0]
+        among = seen if len(seen) else doubted if len(doubted) else over
         at = int(among[np.argmax(np.where(np.isfinite(limit.last[among]), limit.last[among], -np.inf))])
         cell = at - part.start + 1
-        if unseen:
+        if among is over:
             now = f": {self._last(limit, at)}"
         elif limit is self.surface:
-            now = f" reads {limit.last[at]:.1f} °C"
-            if limit.last[at] < limit.limit:
-                now += f", was above the limit and is not known to be {COOLER_K:g} K below it"
+            now = f" reads {self._read[at] if read[at] else limit.last[at]:.1f} °C{self._against(at)}"
         elif np.isfinite(self._points.value[at]):
             p = self._points
             value, sd, core = (float(x[at]) for x in p[:3])
@@ -387,7 +412,8 @@ class Limits:
         text = (
             f"{what} of cell {cell}{now}, the limit is {limit.limit:g} °C{more}: lower the current or cool the string"
         )
-        phase = "unseen" if unseen else ""
+        blind_s = self._blind_s["core" if limit is self.core else "surface", name]
+        phase = "unseen" if self._now_s - blind_s < SEEN_S else ""
         if limit is self.core:
             return Condition("core", Severity.ALARM, text, name, cell, wanders=True, phase=phase)
         return Condition("surface", Severity.ALARM, text, name, cell, wanders=True, phase=phase, urgent=True)
@@ -400,9 +426,33 @@ class Limits:
         )
         return Condition("lost_in_heat", Severity.ALARM, text, name, cell, settled=True, urgent=True)
 
+    def _against(self, at: int) -> str:
+        """Say why a reading that is below the limit of surfaces does not end the alarm of its cell."""
+        limit = self.surface
+        if self._now_s - self._read_s[at] <= self._unseen_s[at] and self._read[at] < limit.limit:
+            why = ""
+            if self.lost[at]:
+                why = "its thermocouple failed while its cell heated"
+            elif self._wrong[at]:
+                why = "its thermocouple is reported to be wrong"
+            elif limit.fallen[at]:
+                why = "it has fallen faster than a cell cools"
+            if why:
+                since_s = self._now_s - limit.last_s[at]
+                before = f"{limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}, {since_s:.0f} s ago"
+                return f", which is not believed, because {why} (last believed: {before})"
+        if limit.last[at] < limit.limit:
+            return f", was above the limit and is not known to be {COOLER_K:g} K below it"
+        return ""
+
     def _last(self, limit: Limit, at: int) -> str:
         since_s = self._now_s - limit.last_s[at]
-        return f"last {limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}, not seen since {since_s:.0f} s"
+        told = f"last {limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}"
+        if limit is self.core:
+            return f"{told}, not known since {since_s:.0f} s"
+        unread_s = self._now_s - max(float(self._read_s[at]), float(limit.last_s[at]))
+        ago = f", {since_s:.0f} s ago" if since_s > unread_s else ""
+        return f"{told}{ago}, not read since {unread_s:.0f} s"
 
     def snapshot(self, part: slice) -> dict[str, Any]:
         """State of some cells as JSON-able values."""

@@ -6,7 +6,7 @@ the terminal, with the numbers of the same objects.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 
@@ -31,6 +31,7 @@ from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
+from bms_gateway.report.html_work import Work
 from bms_gateway.report.page import items, paragraph, section, write_page
 from bms_gateway.report.step_names import FILED, REFITTED, titled, with_added
 from bms_gateway.report.words import in_words, labelled, named, named_all, parameters_labelled
@@ -62,6 +63,8 @@ class Aside:
         Command line that makes the page again; may be empty.
     remains : str
         What an earlier diagnosis left open, as a sentence; may be empty.
+    work : Work
+        What was done on the page before.
     """
 
     sources: Sequence[str]
@@ -69,6 +72,7 @@ class Aside:
     notes: Sequence[tuple[str, str]] = ()
     command: str = ""
     remains: str = ""
+    work: Work = field(default_factory=Work)
 
     def _by_record(self, said: Iterable[tuple[str, str]]) -> list[str]:
         """Put the name of the record before each sentence if there are several records."""
@@ -76,10 +80,14 @@ class Aside:
 
     @property
     def doubts(self) -> str:
-        """Doubts about the data, for the head of the page: they stand before the conclusions from the data."""
+        """Earlier verdict and doubts about the data, for the head: they stand before the conclusions from the data."""
         lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity != "note")
         open_still = f'<p class="alarm">{escape(self.remains)}</p>' if self.remains else ""
-        return open_still + (f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else "")
+        return (
+            self.work.verdict
+            + open_still
+            + (f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else "")
+        )
 
     @property
     def sections(self) -> list[str]:
@@ -95,25 +103,24 @@ class Aside:
         ]
 
 
-def write_comparison(path: Path, comparison: Comparison, aside: Aside, road: "Road | None" = None) -> None:
-    """Write a comparison as a page: the model from its file, and refitted; `road`: as the last of these steps instead.
+def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
+    """Write a comparison as a page: the model from its file, and refitted.
 
     Raises what `write_page` raises.
     """
     filed, now = comparison.filed, comparison.refitted
-    way = road or Road(REFITTED, [Shown.of(FILED, filed, comparison.core.proven)])
-    models = [*way.earlier, Shown.of(way.step, now, comparison.core.proven)]
-    first = [(FILED, filed)] if road is None else []
-    head = f'<p class="verdict">{escape((now if road else filed).findings[0])}</p>'
+    models = [Shown.of(FILED, filed, comparison.core.proven), Shown.of(REFITTED, now, comparison.core.proven)]
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
-    said = [f"<h3>{escape(titled(name))}</h3>{items(v.findings)}" for name, v in (*first, (way.step, now))]
+    said = [f"<h3>{escape(titled(name))}</h3>{items(v.findings)}" for name, v in ((FILED, filed), (REFITTED, now))]
     said.append(closest_html(comparison))
     sections = [
+        *aside.work.first,
         section("where", "Where, when and in which regime it fails", *said),
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
-        section("parameters", f"Parameters, {way.step}", numbers_html(now.fit, comparison.core)),
+        section("parameters", f"Parameters, {REFITTED}", numbers_html(now.fit, comparison.core)),
         section("correlations", "Correlation of the parameters", correlation_table(now.fit)),
         *aside.sections,
     ]
@@ -138,6 +145,8 @@ class Details:
         For the present model and the one with the missing effect, from `adding.cores_with_named`.
     earlier : sequence of Shown
         Models of the same readings before the present one, such as that from its file.
+    work : Work
+        What was done on the page before.
     """
 
     comparison: Comparison | None = None
@@ -146,6 +155,7 @@ class Details:
     card: Card | None = None
     cores: Sequence[KnownCore] = ()
     earlier: Sequence[Shown] = ()
+    work: Work = field(default_factory=Work)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,11 +170,14 @@ class Road:
         Still earlier models that are shown too.
     added : sequence of (name of the step, effects)
         What was added in earlier steps.
+    work : Work
+        What was done on the page before, in the report of an addition.
     """
 
     step: str = REFITTED
     earlier: Sequence[Shown] = ()
     added: Sequence[tuple[str, Sequence[Candidate]]] = ()
+    work: Work = field(default_factory=Work)
 
 
 def write_diagnosis(
@@ -228,7 +241,9 @@ def write_diagnosis(
             section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),
         ]
     following = paragraph(told.next_experiment) if told.next_experiment else ""
-    sections += [
+    sections = [
+        *seen.work.first,
+        *sections,
         section("absorbed", "What a parameter absorbs", items(told.absorbed)),
         section("next", "What to measure next", following, experiment_table(experiment) if experiment else ""),
         section(
@@ -267,8 +282,8 @@ def write_addition(
     MissingExtraError, UsageError
         As for `write_page`.
     """
-    aside = Aside(report.sources, report.findings, report.notes, command, remains)
     way = road or Road()
+    aside = Aside(report.sources, report.findings, report.notes, command, remains, way.work)
     names = (way.step, with_added(named_all(c.key for c in addition.added), forced=report.forced))
     models = [*way.earlier]
     models += [shown(name, c.identified.fit, c.bands, c.proven) for name, c in zip(names, addition.core, strict=True)]
@@ -276,12 +291,14 @@ def write_addition(
     against = [in_words(f"Not added: {report.refused}.")] if report.refused and not report.forced else []
     against += [in_words(text) for text in report.though]
     sections = [
+        *way.work.first,
         section(
             "missing",
             "What was added" if report.written else "What was tried",
             *(_step_effects(*x) for x in (*way.added, (names[1], addition.added))),
         ),
         *evidence(models, report.after.checks),
+        *way.work.ranking,
         section("errors", "Errors before and after", errors_table(models)),
         section("parameters", f"Parameters, {models[-1].name}", numbers_html(models[-1].fit, report.after.core)),
         section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),

@@ -20,6 +20,8 @@ MOST_POINTS = 4000
 ALL_POINTS = 60_000
 """Points of all traces of readings on a page, three quarters of a megabyte: with a dozen sensors, each gets fewer
 points."""
+LARGEST_POINTS = 170_000
+"""Number of points of all traces together, also of many steps of sixty cells: a report then has less than 2 MB."""
 SMOOTH_S = 60.0
 """Averaging time of a shown residual: core and surface exchange heat in tens of seconds."""
 HOURS_FROM_S = 3.0 * 3600.0
@@ -210,8 +212,15 @@ def missing_in(t: Floats, *, held: bool = False) -> tuple[float, ...]:
 
 
 def points_each(traces: int) -> int:
-    """Return the number of points that a trace of a page may have."""
-    return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
+    """Return the number of points that a trace of a page may have.
+
+    Examples
+    --------
+    >>> points_each(10), points_each(420), points_each(660)
+    (4000, 400, 257)
+    """
+    fair = int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
+    return max(min(fair, LARGEST_POINTS // max(traces, 1)), 100)
 
 
 def extent(m: Measured) -> tuple[float, float]:

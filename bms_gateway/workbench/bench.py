@@ -37,8 +37,17 @@ from bms_gateway.report.examine import (
     long_enough,
     sound,
 )
-from bms_gateway.report.html import Aside, Details, Road, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html import (
+    Aside,
+    Details,
+    Road,
+    verdict_tag,
+    write_addition,
+    write_comparison,
+    write_diagnosis,
+)
 from bms_gateway.report.html_series import Shown
+from bms_gateway.report.html_work import Work
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.table import parse_columns
 from bms_gateway.report.words import named_all
@@ -259,6 +268,15 @@ class Bench:
         return {**document, "curves": curves}
 
     def _add(self, text: str, words: list[str], force: bool, tell: Tell, show: Show) -> documents.Document:
+        addition, report = self._addition(text, words, force, tell, show)
+        document = documents.added(report, addition, words)
+        if report.written:
+            top = "".join(f"# {line}\n" for line in heading(report, words).splitlines())
+            document["text"] = top + format_model(addition.model)
+            self._of(document["text"]).addition = addition, report
+        return document
+
+    def _addition(self, text: str, words: list[str], force: bool, tell: Tell, show: Show) -> tuple[Addition, AddReport]:
         model = parse_model(text)
         wants = asked_for(words, model)
         findings, notes = findings_and_notes(model, self._records)
@@ -282,13 +300,9 @@ class Bench:
         addition = add_effects(
             model, self._records, wants, lambda share, what: tell(most + (1.0 - most) * share, what), ask
         )
-        report = added_report(addition, self._records, findings, notes, out="the model on this page", force=force)
-        document = documents.added(report, addition, words)
-        if report.written:
-            top = "".join(f"# {line}\n" for line in heading(report, words).splitlines())
-            document["text"] = top + format_model(addition.model)
-            self._of(document["text"]).addition = addition, report
-        return document
+        return addition, added_report(
+            addition, self._records, findings, notes, out="the model on this page", force=force
+        )
 
     def _known(self, model: StringModel) -> Diagnosis | None:
         """Return the diagnosis of a model before any data, if it was already made."""
@@ -306,35 +320,53 @@ class Bench:
                 found.append(Shown.of(str(s["name"]), v, c.core.proven))
         return found
 
-    def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
-        """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
-        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
-        steps = list(request["steps"])
-        command = _named(command, folder)
-        tell(0.1, "writing the report")
-        comparison = self._comparison(text)
+    def _told(self, text: str, tell: Tell) -> Told:
+        """Return the diagnosis of a model; it is made again where another process made it, or this one forgot it."""
         made = self._of(text)
+        if made.told is None:
+            made.told = examine(parse_model(text), self._records, tell)
+        return made.told
+
+    def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
+        """Write the page that the commands write with --html: of the last diagnosis, addition or comparison.
+
+        All of its content is computed from the models, so it is the same in a process that was started anew.
+        """
+        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
+        steps, seen = list(request["steps"]), request["diagnosed"]
+        command = _named(command, folder)
+        tell(0.0, "writing the report")
+        comparison = self._comparison(text)
+        work = Work(request["told"], request["notes"])
+        if seen is not None:
+            told = self._told(seen["text"], lambda share, what: tell(0.6 * share, what))
+            work = replace(work, told=told, tag=verdict_tag(told.diagnosis), of=seen["name"])
         with tempfile.NamedTemporaryFile(suffix=".html", prefix=".report-", dir=folder, delete=False) as file:
             path = Path(file.name)
         if kind == "diagnose":
-            made.told = made.told or examine(parse_model(text), self._records, tell)
-            details = details_of(made.told, parse_model(text), self._records, lambda: comparison)
-            d = made.told.diagnosis
-            own = replace(
-                details or Details(), earlier=self._earlier(steps[:-1], d.fits[0] if d else comparison.filed.fit)
-            )
-            write_diagnosis(path, made.told, own, command=command, step=str(steps[-1]["name"]))
-        elif kind == "add" and made.addition is not None:
+            told = self._told(text, lambda share, what: tell(0.9 * share, what))
+            details = details_of(told, parse_model(text), self._records, lambda: comparison)
+            d = told.diagnosis
+            earlier = self._earlier(steps[:-1], d.fits[0] if d else comparison.filed.fit)
+            own = replace(details or Details(), earlier=earlier, work=work)
+            write_diagnosis(path, told, own, command=command, step=str(steps[-1]["name"]))
+        elif kind == "add":
+            made, added = self._of(text), request["added"]
+            if made.addition is None:
+                made.addition = self._addition(
+                    steps[-2]["text"],
+                    added["words"],
+                    added["force"],
+                    lambda share, what: tell(0.6 + 0.3 * share, what),
+                    lambda _: None,
+                )
             addition, report = made.addition
-            road = Road(str(steps[-2]["name"]), self._earlier(steps[:-2], addition.fits[0]), _added(steps[1:-1]))
+            earlier = self._earlier(steps[:-2], addition.fits[0])
+            road = Road(str(steps[-2]["name"]), earlier, _added(steps[1:-1]), work)
             write_addition(path, report, addition, command, remains, road)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
-            # an addition of a process that has ended is shown by its result: its model against the readings
-            aside = Aside(comparison.sources, findings, notes, command if kind == "compare" else "", remains)
-            now = str(steps[-1]["name"])
-            way = None if now == REFITTED else Road(now, self._earlier(steps[:-1], comparison.refitted.fit))
-            write_comparison(path, comparison, aside, way)
+            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, command, remains, work))
         return {"path": str(path)}
 
 

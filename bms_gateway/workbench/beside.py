@@ -93,3 +93,25 @@ def moved(figure: Document, onto: Mapping[str, Any], shift_s: float, source: str
     ends = [scale * first + shift, scale * last + shift]
     steps = [there(s) for s in figure.get("steps", ())]
     return {"record": record, "source": source, "ends": ends, "data": data, "steps": steps}
+
+
+def with_others(
+    found: Document, own: Mapping[str, Any], others: Sequence[tuple[int, str, Document, float]]
+) -> Document:
+    """Return a joined figure with the curves of other records, on an axis that contains all.
+
+    Parameters
+    ----------
+    found : dict
+        The joined figure of the shown record.
+    own : mapping
+        The same before it was joined.
+    others : sequence of (record, source, its joined figure, its shift in s)
+    """
+    if not others:
+        return found
+    beside = [moved(figure, own, shift_s, source, r) for r, source, figure, shift_s in others]
+    axis = found["layout"]["xaxis"]
+    ends = [axis["range"], *(b["ends"] for b in beside)]
+    whole = [min(e[0] for e in ends), max(e[1] for e in ends)]
+    return {**found, "beside": beside, "layout": {**found["layout"], "xaxis": {**axis, "range": whole}}}

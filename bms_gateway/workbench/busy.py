@@ -1,6 +1,17 @@
-"""The answer of a desk that is already at work."""
+"""The tasks of a desk, and its answer while it is at work."""
 
 from bms_gateway.errors import UsageError
+
+TITLES = {
+    "look": "looking at the table",
+    "open": "reading the files",
+    "compare": "comparing the model with the readings",
+    "diagnose": "looking for the missing effect",
+    "add": "adding and refitting",
+    "report": "writing the report",
+    "track": "reading the column",
+}
+"""What the page says of a running task."""
 
 
 class BusyError(UsageError):

@@ -179,3 +179,16 @@ def config_lines(files: Mapping[str, Any], steps: int) -> str:
     return (
         f"[[string]]\nname = {json.dumps(name, ensure_ascii=False)}\nmodel = {json.dumps(model, ensure_ascii=False)}\n"
     )
+
+
+def by_name(files: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return files with names for people: files in a tab's folder without the path."""
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, str):
+            return x.removeprefix(f"{folder}/")
+        return [plain(y) for y in x] if isinstance(x, list) else x
+
+    recent = files.get("recent")
+    named = {k: plain(v) for k, v in files.items()}
+    return {**named, "recent": {k: plain(v) for k, v in recent.items()} if recent else None}

@@ -12,26 +12,29 @@ from typing import Any
 
 from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.report.step_names import FILED, REFITTED
-from bms_gateway.workbench.beside import Beside, moved, place_of
-from bms_gateway.workbench.busy import BusyError
-from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read, told_of_model
+from bms_gateway.workbench.beside import Beside, place_of, with_others
+from bms_gateway.workbench.busy import TITLES, BusyError
+from bms_gateway.workbench.commands import Leg, by_name, command_lines, config_lines, files_read, told_of_model
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
 from bms_gateway.workbench.shared import Shared
-from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, reported, steps_of, way_of
+from bms_gateway.workbench.steps import (
+    TABLES,
+    Frame,
+    Window,
+    doubt_lines,
+    forget,
+    joined,
+    newest_diagnosed,
+    recalled_of,
+    reported,
+    steps_of,
+    way_of,
+)
 from bms_gateway.workbench.task_request import TaskRequest
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
-TITLES = {
-    "look": "looking at the table",
-    "open": "reading the files",
-    "compare": "comparing the model with the readings",
-    "diagnose": "looking for the missing effect",
-    "add": "adding and refitting",
-    "report": "writing the report",
-    "track": "reading the column",
-}
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
 LOOK_S = 120.0
@@ -175,19 +178,30 @@ class Desk:
             self._told()
         worker.end()
 
+    def confirm(self) -> None:
+        """Compute here what is only read from a session file: each diagnosis of it, one after the other."""
+        if (frame := recalled_of(self._frames)) is not None:
+            self._start("diagnose", {"files": self.files, "text": frame.text})
+            self._to_resume.confirming = True
+
     def report(self, ticked: Sequence[int] | None = None) -> Path:
         """Write the report of the shown content, and wait for it; `ticked`: places of the steps that it draws.
+
+        It contains nothing but notes that is only read from a session file: diagnoses are computed here first.
 
         Raises
         ------
         UsageError
             It cannot be written.
         """
-        told = reported(self._top, self._frames, ticked)
-        command = command_lines(self._named() or {}, self._way())[-1]
-        self._start("report", {"files": self.files, "command": command, **told})
         with self.changed:
+            self.confirm()
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
+            if recalled_of(self._frames) is None:
+                told = reported(self._top, self._frames, ticked, self._notes)
+                command = command_lines(self._named() or {}, self._way())[-1]
+                self._start("report", {"files": self.files, "command": command, **told})
+                self.changed.wait_for(lambda: self._job is None, REPORT_S)
             path, self._report = self._report, None
             if path is None:
                 raise UsageError(self._error or "the report was not written: it was cancelled")
@@ -265,17 +279,11 @@ class Desk:
         figure, steps = own
         spans = [x for _, (f, of_steps), _ in others for x in (f, *(d for _, _, d in of_steps))]
         found = joined(figure, steps, spans)
-        for r, (f, of_steps), shift in others:
-            source = Path(records[r]["source"]).name
-            found.setdefault("beside", []).append(
-                moved({**joined(f, of_steps), "seconds": f["seconds"]}, figure, shift, source, r)
-            )
-        if others:
-            axis = found["layout"]["xaxis"]
-            ends = [axis["range"], *(b["ends"] for b in found["beside"])]
-            whole = [min(e[0] for e in ends), max(e[1] for e in ends)]
-            found["layout"] = {**found["layout"], "xaxis": {**axis, "range": whole}}
-        return found
+        laid = [
+            (r, Path(records[r]["source"]).name, {**joined(f, of_steps), "seconds": f["seconds"]}, shift)
+            for r, (f, of_steps), shift in others
+        ]
+        return with_others(found, figure, laid)
 
     def _parts(self, name: str) -> tuple[Document, list[tuple[str, bool, Document]]] | None:
         """Find a figure, and the curves of each step in it."""
@@ -294,7 +302,7 @@ class Desk:
     def curves(self, name: str) -> Document | None:
         """Return the curves of an effect of the last diagnosis."""
         with self.changed:
-            frame = self._diagnosed()
+            frame = newest_diagnosed(self._frames)
             return frame.curves.get(name) if frame else None
 
     def fitting(self, name: str) -> Document | None:
@@ -310,7 +318,7 @@ class Desk:
             opened = {
                 k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text", "digest", "same")
             } or None
-            seen = self._diagnosed()
+            seen = newest_diagnosed(self._frames)
             shown = [*(first.figures if first else {}), *((self._opened or {}).get("figures", {}))]
             return {
                 "version": self.version,
@@ -347,29 +355,13 @@ class Desk:
 
     def _named(self) -> Document | None:
         """Return the open files with names for people."""
-        return None if self.files is None else self._by_name(self.files)
-
-    def _by_name(self, files: Document) -> Document:
-        """Return files with names for people: files in this tab's folder without the path."""
-
-        def plain(x: Any) -> Any:
-            if isinstance(x, str):
-                return x.removeprefix(f"{self.folder}/")
-            return [plain(y) for y in x] if isinstance(x, list) else x
-
-        recent = files.get("recent")
-        named = {k: plain(v) for k, v in files.items()}
-        return {**named, "recent": {k: plain(v) for k, v in recent.items()} if recent else None}
+        return None if self.files is None else by_name(self.files, self.folder)
 
     def _session(self, files: Document) -> Document:
         return session_of(files, self._frames, self._notes, (self._opened or {}).get("digest"))
 
     def _way(self) -> list[Leg]:
         return way_of(self._frames, (self._opened or {}).get("checks", []))
-
-    def _diagnosed(self) -> Frame | None:
-        """Return the newest diagnosed model: its ranking stays visible while effects are added one by one."""
-        return next((f for f in reversed(self._frames) if f.diagnosed is not None), None)
 
     def _refuse_if_busy(self) -> None:
         if self._job is not None:
@@ -449,7 +441,7 @@ class Desk:
     def _take(self, request: Mapping[str, Any], done: Document) -> None:
         match request["do"]:
             case "look":
-                self._looked = {**done, "files": self._by_name(request["files"])}
+                self._looked = {**done, "files": by_name(request["files"], self.folder)}
             case "open":
                 self._to_resume.recalled, self._to_resume.dropped = done.pop("recalled"), done.pop("dropped")
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
@@ -469,14 +461,21 @@ class Desk:
                 else:
                     self._to_resume.going = False
             case "diagnose":
-                self._top.curves = done.pop("curves")
-                self._top.diagnosed, self._to_resume.dropped = done, ""
+                self._found(request["text"], done)
             case "add":
                 self._added(done)
             case "track":
                 self._tracks[request["name"]] = done["figure"]
             case "report":
                 self._report = Path(done["path"])
+
+    def _found(self, text: str, done: Document) -> None:
+        frame = next(f for f in reversed(self._frames) if f.text == text)
+        frame.curves = done.pop("curves")
+        frame.diagnosed, self._to_resume.dropped = done, ""
+        if self._to_resume.confirming:
+            self._to_resume.confirming = False
+            self.confirm()
 
     def _added(self, done: Document) -> None:
         text = done.pop("text", None)

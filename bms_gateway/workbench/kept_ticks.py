@@ -25,7 +25,7 @@ class Tick:
         Last reading of each surface that was used, °C, NaN for none; its age at the tick, s.
     quality : ndarray (N,)
         `Quality` of each cell.
-    past : ndarray (S, 8)
+    past : ndarray (S, 10)
         `history.PAST` of each string.
     strings : tuple of dict
         Further numbers of each string.

@@ -169,8 +169,8 @@ class Watch:
         time_ns = told.time_ns
         numbers = (told.core, told.core_sd, told.surface, told.centre, told.centre_sd, told.heat, told.heat_sd)
         cells = np.stack(numbers).astype(np.float32)
-        past = past_of(told.centre, told.centre_sd, self._parts)
         raised = alerts_now(self._engine.alerts.raised)
+        past = past_of(cells, self._parts, [s.plan.name for s in self._engine.strings], raised)
         strings = []
         for s in self._engine.strings:
             R_e = next((e for e in s.estimates if e.name == "R_e"), None)
@@ -307,8 +307,9 @@ class Watch:
             if not ticks:
                 return {"t": [], "marks": []}
             ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self.ticks.first_ns
-            marks = self.events.marks(self._engine.strings[string].plan.name, *ends, first)
-        return {**history(ticks, string, first), "marks": marks, "first_s": first / 1e9}
+            of = self._engine.strings[string].plan.name
+            marks = self.events.marks(of, *ends, first)
+        return {**history(ticks, string, self._parts[string], of, first), "marks": marks, "first_s": first / 1e9}
 
     def table(self, name: str, span_s: float, ends: Ends | None = None) -> Iterator[bytes]:
         """Write the estimates as CSV; the stretch is that of `history`, the clock that of the frames."""

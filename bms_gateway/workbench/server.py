@@ -405,7 +405,7 @@ class Handler(ShortHeads):
                 desk.resume(wanted_files(self.server.site, desk, files), additions, notes, kept)
             case "note":
                 desk.note(notes_of(body.get("notes")))
-            case "compare" | "diagnose" | "undo" | "cancel":
+            case "compare" | "diagnose" | "confirm" | "undo" | "cancel":
                 getattr(desk, what)()
             case "add":
                 words = body.get("words")

@@ -89,12 +89,15 @@ class SessionRest:
         Why diagnoses of the session are left out, a sentence; empty if none is.
     going : bool
         Whether the additions are still being repeated: until then the desk has less of the work than the session.
+    confirming : bool
+        Whether all of its diagnoses are being computed here.
     """
 
     to_come: list[Addition] = field(default_factory=list)
     recalled: dict[str, dict[str, Any]] = field(default_factory=dict)
     dropped: str = ""
     going: bool = False
+    confirming: bool = False
 
     def diagnosed(self, number: int) -> dict[str, Any] | None:
         """Remove and return the diagnosis of model `number`, counted from 0; None if there is none."""
@@ -102,7 +105,7 @@ class SessionRest:
 
     def abandon(self) -> None:
         """Make no further additions; the diagnoses of models that are not reached are left out."""
-        self.to_come, self.going = [], False
+        self.to_come, self.going, self.confirming = [], False, False
         if self.recalled:
             self.recalled, self.dropped = {}, UNREACHED
 

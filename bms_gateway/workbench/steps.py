@@ -24,8 +24,8 @@ TABLES: Final = ("errors", "parameters", "correlations", "thermocouples")
 """HTML of a comparison that is shown with its step; the two steps of the first model share it."""
 REMAINS = "Something unknown remains"
 UNSETTLED: Final = (
-    "Something unknown may remain: that the diagnosis of the model “{}” left nothing open is said by the session file "
-    "alone. Diagnose again."
+    "By the session file alone, nothing unknown remains: it says so of the model “{}”, and anybody can change it. The "
+    "diagnosis must be computed again here."
 )
 
 
@@ -112,7 +112,17 @@ def way_of(frames: list[Frame], checks: Sequence[Document]) -> list[Leg]:
     return legs
 
 
-def reported(top: Frame, frames: list[Frame], ticked: Sequence[int] | None) -> Document:
+def newest_diagnosed(frames: Sequence[Frame]) -> Frame | None:
+    """Return the newest diagnosed model: its ranking stays visible while effects are added one by one."""
+    return next((f for f in reversed(frames) if f.diagnosed is not None), None)
+
+
+def recalled_of(frames: Sequence[Frame]) -> Frame | None:
+    """Return the newest model whose diagnosis is only read from a session file."""
+    return next((f for f in reversed(frames) if f.diagnosed and f.diagnosed.get("recalled")), None)
+
+
+def reported(top: Frame, frames: list[Frame], ticked: Sequence[int] | None, notes: str) -> Document:
     """Return what a report is made of: its kind, what is left open, and each step with its model file.
 
     Parameters
@@ -122,14 +132,25 @@ def reported(top: Frame, frames: list[Frame], ticked: Sequence[int] | None) -> D
     frames : list of Frame
     ticked : sequence of int or None
         Places of the steps that are ticked on the page; None if all are.
+    notes : str
+        Notes of a person.
     """
     named = [(frames[0].text, FILED), *((f.text, f.label) for f in frames)]
+    seen = newest_diagnosed(frames)
     return {
         "text": top.text,
         "kind": "diagnose" if top.diagnosed else "add" if top.told else "compare",
         "remains": remains(frames),
         "steps": [{"text": t, "name": n, "ticked": ticked is None or k in ticked} for k, (t, n) in enumerate(named)],
+        "added": {"words": top.words, "force": top.forced},
+        "diagnosed": {"text": seen.text, "name": seen.label} if seen and seen is not top else None,
+        "told": [{k: s[k] for k in TOLD} for s in steps_of(frames)],
+        "notes": notes,
     }
+
+
+TOLD: Final = ("name", "stair", "worse", "remains", "forced", "told")
+"""What a report says of each step."""
 
 
 UNFITTED: Final = {

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bms_gateway.diagnosis.misfit import Level, Sensor, Worst
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.report.html_figures import HEATS, ROAD, styles
-from bms_gateway.report.html_series import Shown, broken, envelope, smooth
+from bms_gateway.report.html_series import Shown, broken, envelope, points_each, smooth
 from bms_gateway.report.html_tables import heat_map
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
 
@@ -74,3 +74,12 @@ def test_ends_of_a_regime_are_told_as_finely_as_they_lie_apart():
     text = heat_map((regime_of((-0.14167, 4.667, 120.04)),))
     assert "about 0 to 4.8 min" in text
     assert "about 5 to 120 min" in text
+
+
+def test_many_steps_of_many_cells_share_the_points_of_a_report_that_can_be_mailed():
+    """Of five steps of sixty cells each trace had 400 points, 264,000 in all: more than 2 MB."""
+    for cells, steps in ((60, 5), (60, 8), (100, 3)):
+        traces = cells * (1 + 2 * steps)
+        assert 100 <= points_each(traces) < 400
+        assert points_each(traces) * traces <= 170_000
+    assert points_each(60 * 7) == 400  # three steps of sixty cells

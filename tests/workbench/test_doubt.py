@@ -44,9 +44,8 @@ def test_what_a_session_file_says_takes_no_doubt_away():
     )
     first.diagnosed = {"remains": False, "recalled": True}
     said = remains([first, second, third])
-    assert said.startswith(
-        "Something unknown may remain: that the diagnosis of the model “+ a” left nothing open is said"
-    )
+    assert said.startswith("By the session file alone, nothing unknown remains: it says so of the model “+ a”")
+    assert said.endswith("The diagnosis must be computed again here.")
     assert said in doubt_lines([first, second, third])
     third.compared["core"]["why"] = ["Something unknown remains beside what was added."]  # computed here
     assert remains([first, second, third]).startswith("Something unknown remains: the addition")

@@ -51,6 +51,19 @@ def resumed(text, at):
         desk.close()
 
 
+def confirmed(text, at):
+    """What remains of each step after the diagnoses of a session were computed by the desk that opened it."""
+    session = json.loads(text)
+    desk = Desk("confirms")
+    try:
+        desk.resume(at, additions_of(session), session["notes"], diagnoses_of(session))
+        done(desk)
+        desk.confirm()
+        return [s["remains"] for s in done(desk)["steps"]]
+    finally:
+        desk.close()
+
+
 def told(diagnosed):
     """What stands on the page of a diagnosis but for what only its own process can draw."""
     return {
@@ -95,7 +108,11 @@ def test_what_a_changed_file_says_of_the_cores_is_not_believed(diagnosed, pack):
     session["diagnosed"][0]["said"] = {**said, "remains": False, "verdict": "adequate", "tag": "adequate"}
     state, _ = resumed(json.dumps(session), files(pack))
     assert state["diagnosed"]["recalled"] is True
-    assert all(s["remains"].startswith("Something unknown ") for s in state["steps"])
+    left = [s["remains"] for s in state["steps"]]
+    assert all(x.startswith("By the session file alone, nothing unknown remains") for x in left[:2])
+    assert left[2].startswith("Something unknown remains: the addition")  # which was made again here
+    # and where it is computed here, it is said as it was
+    assert confirmed(json.dumps(session), files(pack)) == [s["remains"] for s in before["steps"]]
 
 
 def test_until_the_cores_are_computed_here_nothing_of_the_file_is_said_of_them():
@@ -287,6 +304,7 @@ def test_a_mailed_session_opens_with_its_files_beside_it(window, pack, tmp_path)
         assert page.text("#panel-diagnose .core") == core
         page.picture(tmp_path / "recalled.png")
         assert REMAINS in page.text("#doubt")
+        assert page.text("#confirm") == "Compute it again"
         assert all("/api/resume" in m for m in page.complaints())  # the two that lacked files
     with served(tmp_path) as url:  # all at once; and another record under the same name
         (mail / "hidden.csv").write_bytes(Path(pack.clean).read_bytes())

@@ -5,7 +5,9 @@ import base64
 import pytest
 
 from bms_gateway.cli.main import main
+from bms_gateway.workbench.desk import Desk
 from tests.report.html_page import Page
+from tests.support.desk_steps import done, files
 from tests.truth.packs import pack as make_pack
 
 pytestmark = pytest.mark.slow  # a browser, and fits
@@ -69,6 +71,46 @@ def test_a_report_with_long_names_fits_on_paper(window, pack, tmp_path):
     # what is measured here is what is printed
     pdf = base64.b64decode(shown.cdp("Page.printToPDF", printBackground=True)["data"])
     assert pdf[:5] == b"%PDF-"
+    assert shown.complaints() == []
+
+
+WIDE = """
+dispatchEvent(new Event('beforeprint'));
+await new Promise(done => setTimeout(done, 1500));
+const edge = document.documentElement.clientWidth + 1;
+const names = '#written, #steps, #steps li, #diagnosed, .notes, #ranking table, #ranking td, #ranking th';
+const parts = document.querySelectorAll(names);
+return [...parts].filter(e => e.getBoundingClientRect().right > edge || e.scrollWidth > e.clientWidth + 2)
+  .map(e => `${e.tagName} ${e.id || e.className}: ${e.textContent.slice(0, 60)}`);
+"""
+
+
+def test_notes_steps_and_the_ranking_of_a_report_of_the_page_fit_on_paper(window, pack, tmp_path):
+    page, desk = tmp_path / "road.html", Desk("paper")
+    try:
+        desk.open(files(pack))
+        done(desk)
+        desk.note(f"Sensor 3 <b>glued anew</b>\n{'x' * 400}\n{'word ' * 200}")
+        desk.diagnose()
+        done(desk)
+        desk.add(["ambient_loss", "inlet_offset", "resistance_drift"], force=True)
+        done(desk)
+        page.write_bytes(desk.report().read_bytes())
+    finally:
+        desk.close()
+    shown = printed(window, page)
+    assert shown.run("return document.querySelectorAll('#steps li').length") == 3
+    assert "<b>glued anew</b>" in shown.run("return document.querySelector('.notes').textContent")
+    assert shown.run(WIDE) == []
+    assert shown.run(CUT) == []
+    assert shown.run(BROKEN) == []
+    shown.picture(tmp_path / "paper.png")
+    shown.cdp("Emulation.setEmulatedMedia", media="screen")
+    shown.run("dispatchEvent(new Event('afterprint'))")
+    for width in (390, 1024, 1280, 1920):  # and on screens
+        shown.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        shown.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=20)
+        shown.picture(tmp_path / f"screen-{width}.png")
     assert shown.complaints() == []
 
 

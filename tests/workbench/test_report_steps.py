@@ -65,5 +65,5 @@ def test_a_report_of_a_process_that_began_anew_has_the_same_steps(desk):
     desk.cancel()  # with the process, what it kept of the addition ends
     drawn, _, text = reported(desk)
     assert drawn == ALL
-    assert "Model against measurement" in text
-    assert reported(desk, [0, 3])[0] == [ALL[0], ALL[3]]
+    assert "Model with an effect added" in text
+    assert reported(desk, [0, 3])[0] == [ALL[0], *ALL[2:]]

@@ -5,7 +5,7 @@ const NOTES_MS = 600;
 const MOST = 10000, DRAFT_MOST = 1000000; // characters that the session takes, and that this tab holds back
 const box = el("textarea", { id: "notes-text", rows: "5", "aria-describedby": "notes-long", oninput: () => { long(); soon(); }, onchange: () => kept() });
 const told = el("p", { class: "alarm", id: "notes-long", role: "status", hidden: true });
-export const noteBox = el("div", {}, el("label", { for: "notes-text" }, "Notes, which the session file takes along"), box, told);
+export const noteBox = el("div", {}, el("label", { for: "notes-text" }, "Notes, which the session file and the report take along"), box, told);
 // What the session has; null: what this tab holds back is not sent yet.
 let saved = (ui.draft ?? null) === null ? "" : null;
 
@@ -40,6 +40,9 @@ export const unsent = () => { if (box.value !== saved && !long()) kept(); };
 export function noted(now) {
   if (now !== saved && box.value === saved) { box.value = now; saved = now; }
 }
+
+// The report waits for what is being written.
+export const sent = () => (box.value === saved ? null : kept());
 
 // The link to the session file waits for what is being written; notes that are too long are told instead.
 export async function withNotes(e) {

@@ -1,5 +1,5 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
-import { $, el, post, attempt, ui, clock, complain, fixed, many, until, wallMs, when } from "./util.js";
+import { $, el, post, attempt, ui, clock, complain, counted, fixed, many, until, wallMs, when } from "./util.js";
 import { put as keepUpload, opened as uploadsOpened } from "./kept.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -32,7 +32,7 @@ export function build(known, name, jump, grafana) {
     el("a", { id: "export-signals", class: "file", download: "" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
-    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list, or on a row of the table below. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
+    svg, el("p", { id: "past-unknown", hidden: true }), el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list, or on a row of the table below. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
   queueMicrotask(link);
   addEventListener("resize", () => { if (shown && svg.clientWidth) draw(); });
   return section;
@@ -210,8 +210,9 @@ function draw() {
   svg.setAttribute("height", below + FOOT);
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
   for (const [name, title, top, bottom, scale] of panels) {
-    const y = shown[name].map((v) => (v === null ? null : scale * v)), vague = y.map((v, i) => v !== null && name === "hottest" && shown.half[i] > about.available.unknown_95);
-    const sure = y.map((v, i) => (vague[i] ? null : v)), scaled = sure.some((v) => v !== null) ? sure : y, there = scaled.map((v, i) => [i, v]).filter(([, v]) => v !== null);
+    // a cell in alarm that is not known may be hotter than all that is: there is no curve then
+    const y = shown[name].map((v, i) => (v === null || (name === "hottest" && shown.hidden[i]) ? null : scale * v)), vague = y.map((v, i) => v !== null && name === "hottest" && shown.half[i] > about.available.unknown_95);
+    const sure = y.map((v, i) => (vague[i] ? null : v)), scaled = sure.some((v) => v !== null) ? sure : y.some((v) => v !== null) ? y : shown[name].map((v) => v && scale * v), there = scaled.map((v, i) => [i, v]).filter(([, v]) => v !== null);
     const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
     let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
     if (name === "hottest" && limit < high + 20) [low, high] = [Math.min(low, limit - 1), Math.max(high, limit + 1)];
@@ -222,14 +223,17 @@ function draw() {
     put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, number(high, spread));
     put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, number(low, spread));
     if (name === "hottest") {
+      unknown(put, x, top, bottom);
       const inside = (v) => Math.min(Math.max(at(v), top), bottom), edge = (sign, run) => run.map((i) => `${x(shown.t[i]).toFixed(1)},${inside(y[i] + sign * half(i)).toFixed(1)}`);
-      const unknown = y.map((v, i) => (vague[i] ? v : null)); // not known to 12 K (1 sd): no line, and a band that looks like no result
-      for (const run of runs(unknown)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--soft)", "fill-opacity": 0.12, stroke: "var(--soft)", "stroke-dasharray": "2 4", class: "vague" });
+      const wide = y.map((v, i) => (vague[i] ? v : null)); // not known to 12 K (1 sd): no line, and a band that looks like no result
+      for (const run of runs(wide)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--soft)", "fill-opacity": 0.12, stroke: "var(--soft)", "stroke-dasharray": "2 4", class: "vague" });
       for (const run of runs(sure)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 }); // a gap stays open
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
     const point = (i, v) => `${x(shown.t[i]).toFixed(1)},${at(v).toFixed(1)}`;
-    for (const run of runs(sure)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    // of all cells in full, of those that are known alone dashed
+    const lines = name === "hottest" ? [[sure.map((v, i) => (shown.unknown[i] ? null : v)), {}], [sure.map((v, i) => (shown.unknown[i] ? v : null)), { "stroke-dasharray": "5 3", class: "line-others" }]] : [[sure, {}]];
+    for (const [line, more] of lines) for (const run of runs(line)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2, ...more });
     put("text", { x: LEFT, y: top - 5, fill: "var(--soft)", class: "title" }, vague.includes(true) ? `${title}${width < NARROW ? " (grey: not known)" : ` (grey, without a line: not known to ${about.available.K} K)`}` : title);
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
@@ -239,8 +243,37 @@ function draw() {
   const bottom = below + 18;
   const times = width < NARROW ? [t0, t1] : [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
   times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": t === t0 ? "start" : t === t1 ? "end" : "middle", class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
-  const hot = shown.hottest.filter((v, i) => v !== null && !(shown.half[i] > about.available.unknown_95));
-  svg.setAttribute("aria-label", `Hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${hot.length ? `${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C` : "not known"}, limit ${limit} °C, ${many(shown.marks.length, "change of an alert", "changes of alerts")}`);
+  const hot = shown.hottest.filter((v, i) => v !== null && !shown.unknown[i] && !(shown.half[i] > about.available.unknown_95)), lost = sayUnknown();
+  svg.setAttribute("aria-label", `Hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${hot.length ? `${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C` : "not known"}${lost ? `. ${lost} L` : ", l"}imit ${limit} °C, ${many(shown.marks.length, "change of an alert", "changes of alerts")}`);
+}
+
+// Stretches in which the hottest point of all cells is not known: hatched, and red where a cell in alarm is not known.
+function unknown(put, x, top, bottom) {
+  const { t } = shown, side = (id, turn, color) => {
+    const p = put("pattern", { id, width: 7, height: 7, patternUnits: "userSpaceOnUse", patternTransform: `rotate(${turn})` }), line = document.createElementNS(SVG, "rect");
+    for (const [k, v] of Object.entries({ width: 1.6, height: 7, fill: color })) line.setAttribute(k, v);
+    p.append(line);
+  };
+  side("past-dark", 45, "var(--soft)");
+  side("past-burning", -45, "var(--danger)");
+  for (const [id, there] of [["past-dark", (i) => shown.unknown[i] && !shown.hidden[i]], ["past-burning", (i) => shown.hidden[i]]]) {
+    for (const run of runs(t.map((_, i) => (there(i) ? 1 : null)))) {
+      const from = x(t[run[0]]), to = x(t[Math.min(run.at(-1) + 1, t.length - 1)]);
+      put("rect", { x: from, y: top, width: Math.max(to - from, 1), height: bottom - top, fill: `url(#${id})`, "fill-opacity": 0.55, class: id === "past-dark" ? "unknown" : "unknown burning" });
+    }
+  }
+}
+
+// The same in words.
+function sayUnknown() {
+  const { dark, burning, share } = shown, box = $("past-unknown"), cells = (some) => `${some.length > 1 ? "cells" : "cell"} ${counted(some)}`;
+  const percent = share > 0.995 ? "all" : `${share < 0.01 ? "under 1" : (100 * share).toFixed(0)} %`;
+  const said = dark.length ? `Hatched: in ${percent} of this stretch the hottest point of all is not known, because ${cells(dark)} ${dark.length > 1 ? "were" : "was"} not known at some time; the dashed curve is the hottest of those that were known.` : "";
+  const red = burning.length ? ` Red: ${cells(burning)} ${burning.length > 1 ? "were" : "was"} in alarm and not known, so there is no curve.` : "";
+  box.hidden = !said;
+  box.className = burning.length ? "danger" : "alarm";
+  if (box.textContent !== said + red) box.textContent = said + red;
+  return said + red;
 }
 
 // The alerts that the upright lines stand for, in words, the newest first; a button goes to its moment.

@@ -3,7 +3,7 @@ import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many
 import * as columns from "./open.js";
 import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
-import { noteBox, noted, withNotes } from "./notes.js";
+import { noteBox, noted, sent, withNotes } from "./notes.js";
 import { opened } from "./records.js";
 
 let state = null;
@@ -19,6 +19,9 @@ function twice(what, body) {
 export const work = async (what, body) => { if (!twice(what, body)) await attempt(() => post(what, body))(); };
 export const diagnose = () => work("diagnose");
 export const undo = () => work("undo");
+// What is only read from a session file is computed by the program: every diagnosis of it, of whichever model.
+const computed = (id) => el("button", { type: "button", id, "data-work": true, onclick: () => work("confirm") }, "Compute it again");
+const recalled = (s) => s.remains.startsWith("By the session file");
 
 const words = (text) => text.split("\n").map((t) => t.trim()).filter(Boolean);
 const fold = (id, title, ...inside) =>
@@ -208,6 +211,7 @@ function doubt() {
   $("doubt").replaceChildren(...[
     top?.worse && el("span", { class: "danger" }, `${top.worse} `),
     top?.remains && el("span", { title: top.remains }, `${top.remains.split(":")[0]}. `),
+    top?.remains && recalled(top) && computed("confirm-head"),
     top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
     ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
 }
@@ -252,7 +256,7 @@ function verdict() {
   if (state.diagnosed_of) box.append(el("p", { class: "muted", id: "found-for" }, `Found for “${state.diagnosed_of}”, before what has been added since:`));
   // judged by the gate of adding for the model that was diagnosed; of a later model it knows nothing
   const free = state.diagnosed_of ? [] : (d.offer ?? []).filter((k) => !inModel(k));
-  if (d.recalled) box.append(el("p", { class: "alarm", id: "recalled" }, "This diagnosis is taken from the session file and was not computed here: its verdict, its ranking and their words are as the file has them. Diagnose again to check them. The cores are computed here."));
+  if (d.recalled) box.append(el("p", { class: "alarm", id: "recalled" }, "This diagnosis is taken from the session file and was not computed here: its verdict, its ranking and their words are as the file has them. The cores are computed here. ", computed("confirm")));
   box.append(el("p", {}, el("span", { class: `tag ${d.recalled ? "recalled" : d.verdict}` }, d.recalled ? `${d.tag}, by the session file` : d.tag)), el("p", { class: "verdict" }, d.sentence),
     d.not_offered ? el("p", { class: "alarm", id: "not-offered" }, d.not_offered) : "",
     free.length ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(free) }, `Add ${labels(free)}${free.length > 1 ? " at once" : ""}`)) : "",
@@ -464,7 +468,7 @@ function away() {
   takeFiles.replaceChildren(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     state.model_told ? el("p", { id: "take-model-told", class: "alarm" }, state.model_told) : "",
-    el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown"), " ", readyBox),
+    el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown"), " ", readyBox, state.diagnosed?.recalled ? el("span", { class: "muted", id: "report-computes" }, " The diagnosis of the session file is computed again for it.") : ""),
     el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: withNotes }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
   const file = (read) => `/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name: read })}`;
   takeLines.replaceChildren(
@@ -481,6 +485,7 @@ const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) 
 
 async function report() {
   readyBox.replaceChildren();
+  await sent();
   const steps = ticked(state.steps).map((s) => state.steps.indexOf(s));
   const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report", steps })}`);
   if (!response.ok) throw new Error((await response.json()).error);
