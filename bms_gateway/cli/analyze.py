@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import UsageError, counted
+from bms_gateway.errors import counted
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_frames
     from bms_gateway.cli.logged_frames import logged_frames
-    from bms_gateway.cli.output import distinct, say, writable, write_json
+    from bms_gateway.cli.output import distinct, folder_for, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine, drive
     from bms_gateway.records.courses import Courses
@@ -47,10 +47,8 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
 
-    if not args.out:
-        raise UsageError("analyze: --out is empty; name a folder for the results")
+    out = folder_for("analyze", args.out, "the results")
     writable({"--json": args.json})
-    out = Path(args.out)
     loaded = load_config(args.config)
     distinct({"--json": args.json} | {f"--out {file}": out / file for file in FILES}, [*loaded.files, *args.log])
     given_once(args.log)

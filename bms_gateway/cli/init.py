@@ -49,18 +49,13 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Propose, ask, write, estimate; 1 if a current or every thermocouple is missing."""
-    from bms_gateway.cli.output import distinct, note, writable
-    from bms_gateway.errors import UsageError
+    from bms_gateway.cli.output import distinct, folder_for, note, writable
     from bms_gateway.records.once import given_once, in_order
     from bms_gateway.setup.propose import propose
     from bms_gateway.setup.vehicle_logs import read_traffic
     from bms_gateway.thermal.cells import cell_of
 
-    if not args.out:
-        raise UsageError("init: --out is empty; name a folder for the config")
-    out = Path(args.out)
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out}: is a file; name a folder")
+    out = folder_for("init", args.out, "the config")
     writable({"--json": args.json})
     distinct({"--json": args.json, "--out gateway.toml": out / "gateway.toml"}, [*args.log, *args.dbc])
     given_once(args.log)
