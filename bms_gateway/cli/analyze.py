@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.engine import Engine, drive
     from bms_gateway.records.courses import Courses
     from bms_gateway.records.once import given_once, in_order
+    from bms_gateway.records.refused_samples import refused_samples
     from bms_gateway.records.signal_use import advice, contradictions, signal_use
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
@@ -77,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, summary)
     wrong = [*contradictions(loaded.plan, engine.inputs), *courses.contradictions()]
     _note(args, engine, notes)
-    _tell(args, engine, folder, span, [*wrong, *advice(uses)])
+    refused = list(refused_samples(uses, engine.rejected))
+    _tell(args, engine, folder, span, [*wrong, *advice(uses)], refused)
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
     say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
@@ -117,10 +119,16 @@ def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -
         note(f"{name}: never received {missing}")
 
 
-def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", span: "Span", told: list[str]) -> None:
-    """Print the results: the strings, the hottest core, the alerts, and the faults of each signal."""
+def _tell(
+    args: argparse.Namespace,
+    engine: "Engine",
+    folder: "ResultFolder",
+    span: "Span",
+    told: list[str],
+    refused: list[str],
+) -> None:
+    """Print the results: the strings, the hottest core, the alerts, the faults of each signal, the refused samples."""
     from bms_gateway.cli.output import say
-    from bms_gateway.engine.reasons import unused
     from bms_gateway.report.hottest import hottest_sentence
 
     say(_table(engine, folder, span.first_ns), args.json)
@@ -134,8 +142,8 @@ def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", sp
     if len(told) > MOST_TOLD:
         more = f"bms-gateway check {args.config} --log {args.log[0]}"
         say(f"… and {len(told) - MOST_TOLD} more; {more} tells all", args.json)
-    for reason, count in unused(engine.rejected).items():
-        say(f"{counted(count, 'sample')} not used: {reason}", args.json)
+    for text in refused:
+        say(text, args.json)
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":
