@@ -350,6 +350,7 @@ def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str 
     from bms_gateway.frames.quality import AVAILABLE_SD_K
     from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
+    from bms_gateway.setup.picture import no_picture
 
     if cores.last is None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
@@ -367,4 +368,4 @@ def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str 
         steps = "; dotted: a fit gives new parameters, and the core steps there" if cores.fitted_ns else ""
         say(f"picture: {picture}{steps}", json_target)
     else:
-        say("a picture of the cores needs the extra report: pip install 'bms-gateway[report]'", json_target)
+        say(no_picture(cores), json_target)
