@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from bms_gateway.engine import Engine, Event
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.records.courses import Courses
+    from bms_gateway.records.signal_use import Use
     from bms_gateway.records.span import Span
     from bms_gateway.report.csv_out import ResultFolder
 
@@ -43,7 +44,6 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.engine import Engine, drive
     from bms_gateway.records.courses import Courses
     from bms_gateway.records.once import given_once, in_order
-    from bms_gateway.records.refused_samples import refused_samples
     from bms_gateway.records.signal_use import advice, contradictions, signal_use
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
@@ -78,8 +78,7 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, summary)
     wrong = [*contradictions(loaded.plan, engine.inputs), *courses.contradictions()]
     _note(args, engine, notes)
-    refused = list(refused_samples(uses, engine.rejected))
-    _tell(args, engine, folder, span, [*wrong, *advice(uses)], refused)
+    _tell(args, engine, folder, span, [*wrong, *advice(uses)], uses)
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
     say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
@@ -125,16 +124,19 @@ def _tell(
     folder: "ResultFolder",
     span: "Span",
     told: list[str],
-    refused: list[str],
+    uses: "dict[str, Use]",
 ) -> None:
     """Print the results: the strings, the hottest core, the alerts, the faults of each signal, the refused samples."""
     from bms_gateway.cli.output import say
+    from bms_gateway.records.refused_samples import refused_samples
+    from bms_gateway.records.signal_use import channel_of
     from bms_gateway.report.hottest import hottest_sentence
 
     say(_table(engine, folder, span.first_ns), args.json)
     known = list(folder.hottest.values())
     if known:
-        say(hottest_sentence(max(known, key=lambda h: h.rank), span.first_ns), args.json)
+        top = max(known, key=lambda h: h.rank)
+        say(hottest_sentence(top, span.first_ns, channel_of(uses, top.string, top.cell)), args.json)
     for text in _standing(engine, args.out):
         say(text, args.json)
     for text in told[:MOST_TOLD]:
@@ -142,7 +144,7 @@ def _tell(
     if len(told) > MOST_TOLD:
         more = f"bms-gateway check {args.config} --log {args.log[0]}"
         say(f"… and {len(told) - MOST_TOLD} more; {more} tells all", args.json)
-    for text in refused:
+    for text in refused_samples(uses, engine.rejected):
         say(text, args.json)
 
 

@@ -12,8 +12,8 @@ from bms_gateway.cli.main import Parser
 from bms_gateway.errors import counted
 
 if TYPE_CHECKING:
-    from bms_gateway.setup.picture import Cores
     from bms_gateway.setup.proposal import Proposal, Proposed, Role
+    from bms_gateway.setup.settle import Settled
     from bms_gateway.setup.vehicle_logs import Traffic
     from bms_gateway.setup.without_dbc import Guess
     from bms_gateway.thermal.cells import CellFacts, Chemistry
@@ -112,7 +112,7 @@ def _write(
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(settled.cores, int(traffic.frames.time_ns[0]), picture, args.json)
+    _show(settled, int(traffic.frames.time_ns[0]), picture, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
     say(f"{written.config}: written, with {counted(beside, 'file')} beside it. Next:", args.json)
@@ -343,15 +343,17 @@ def _agrees(question: str) -> bool:
         return True
 
 
-def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str | None) -> None:
+def _show(settled: "Settled", start_ns: int, picture: Path | None, json_target: str | None) -> None:
     import numpy as np
 
     from bms_gateway.cli.output import say
     from bms_gateway.frames.quality import AVAILABLE_SD_K
+    from bms_gateway.records.signal_use import channel_of
     from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
     from bms_gateway.setup.picture import no_picture
 
+    cores = settled.cores
     if cores.last is None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
         return
@@ -363,7 +365,8 @@ def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str 
         else:
             say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
     if cores.hottest is not None:
-        say(hottest_sentence(cores.hottest, start_ns), json_target)
+        channel = channel_of(settled.uses, cores.hottest.string, cores.hottest.cell)
+        say(hottest_sentence(cores.hottest, start_ns, channel), json_target)
     if picture is not None:
         steps = "; dotted: a fit gives new parameters, and the core steps there" if cores.fitted_ns else ""
         say(f"picture: {picture}{steps}", json_target)

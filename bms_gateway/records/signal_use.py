@@ -156,6 +156,12 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
     return found
 
 
+def channel_of(uses: dict[str, Use], string: str, cell: int) -> str | None:
+    """Give the signal of a cell's thermocouple, if the config names one."""
+    key = f"{string}.surface.{cell}"
+    return next((signal for signal, use in uses.items() if use.key == key and use.stated), None)
+
+
 def _part(c: Channel) -> str:
     """Give what the config writes after the quantity: a cell, a statistic, or a direction of the current."""
     if c.way != 0:
