@@ -106,6 +106,7 @@ def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
 
 def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -> None:
     """Report faults of the logs."""
+    from bms_gateway.bus.backwards import how_to_sort
     from bms_gateway.cli.output import note
 
     for log, n in zip(args.log, notes, strict=True):
@@ -113,7 +114,12 @@ def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -
             line, text = n.broken_at[0]
             note(f"{log}: {n.broken} damaged lines skipped, the first at line {line}: {text!r}")
     if engine.clock_faults:
-        note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward")
+        sort = (
+            f"; if its parts are in the wrong order, {how_to_sort(args.log[0])}"
+            if "back" in engine.clock_faults
+            else ""
+        )
+        note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward{sort}")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")
 
