@@ -94,8 +94,8 @@ def _in_parallel(cell: "CellFacts") -> str | None:
     told = f"{n} in parallel are one cell of the model, with the current and the heat of all {n}: I² R_e/{n}."
     if cell.shape != "cylinder" and cell.spacing == 0.0:
         return (
-            f"{told} Their faces touch (0mm), so that all heat leaves through the outer faces of the stack: R_c, R_u and "
-            f"R_cc are those of one cell of {n} times the thickness."
+            f"{told} Their faces touch (0mm), so that all heat leaves through the outer faces of the stack: R_c, R_u "
+            f"and R_cc are those of one cell of {n} times the thickness."
         )
     told += (
         f" Each gives off its 1/{n} of that heat through its own faces, so that the same core minus surface follows "
