@@ -32,6 +32,7 @@ from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, cell_tolerances, stated_parameters
 from bms_gateway.thermal.cells.facts import Cooling
+from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
 from bms_gateway.whole import whole_text
 
 _PARALLEL: Final = re.compile(r"\d+p", re.IGNORECASE)
@@ -257,7 +258,8 @@ def _model(
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=capacity,
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
-        tolerances=cell_tolerances(replace(lumped, cooling="liquid") if liquid else lumped, cells),
+        tolerances=cell_tolerances(replace(lumped, cooling="liquid") if liquid else lumped, cells)
+        | _rounded(proposal, string),
         cell_format=_in_words(lumped) if known else None,
     )
     # a wrong size or a wrong current may fit the drive well: the core is not proven
@@ -271,6 +273,17 @@ def _model(
         return model
     values, sds = model.free_numbers
     return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, doubts))
+
+
+def _rounded(proposal: Proposal, string: int) -> dict[str, float]:
+    """Tolerance of thermocouples that are sent in coarse steps: a reading is off by up to half a step.
+
+    The error of rounding is uniform, and it stays as long as the reading does: no mean of many samples removes it.
+    """
+    step_K = max((p.resolution for p in proposal.of("surface", string)), default=0.0)
+    off_K = step_K / math.sqrt(12.0)
+    usual_K = DEFAULT_TOLERANCES["surface_offset_K"]
+    return {"surface_offset_K": float(f"{math.hypot(off_K, usual_K):.2g}")} if off_K > usual_K else {}
 
 
 def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
