@@ -1,5 +1,6 @@
 """Says which channel is which cell of the model, where the names of the channels have other numbers."""
 
+from itertools import pairwise
 from typing import Final
 
 from bms_gateway.setup.proposal import Proposal, Proposed
@@ -32,15 +33,20 @@ def renumbered(proposal: Proposal, string: int) -> str | None:
     own = [numbers(p.series.info.name)[1][-1:] for p in mine]
     if len(mine) < 2 or not all(own):
         return None
-    apart = {n[0] - (p.index or 0) for n, p in zip(own, mine, strict=True)}
-    if len(apart) == 1 and apart <= {0, -1}:
+    offset = [n[0] - (p.index or 0) for n, p in zip(own, mine, strict=True)]
+    if len(set(offset)) == 1 and offset[0] in (0, -1):
         return None
-    if len(apart) == 1:
-        which = f"cells {mine[0].index} to {mine[-1].index} are {_named(mine[0], mine)} to {_named(mine[-1], mine)}"
-    else:
-        more = " …" if len(mine) > MOST_SHOWN else ""
-        which = ", ".join(f"{p.index} = {_named(p, mine)}" for p in mine[:MOST_SHOWN]) + more
-    return f"string_{string}: the cells have other numbers than the names of their thermocouples: {which}"
+    begins = [k for k in range(len(mine)) if k == 0 or offset[k] != offset[k - 1]]
+    runs = [mine[first:end] for first, end in pairwise([*begins, len(mine)])]
+    shown = ", ".join(_run(run, mine) for run in runs[:MOST_SHOWN]) + (" …" if len(runs) > MOST_SHOWN else "")
+    return f"string_{string}: the cells have other numbers than the names of their thermocouples: {shown}"
+
+
+def _run(run: list[Proposed], among: list[Proposed]) -> str:
+    """Say which cells the channels are whose numbers follow each other."""
+    if len(run) == 1:
+        return f"{run[0].index} = {_named(run[0], among)}"
+    return f"{run[0].index} to {run[-1].index} = {_named(run[0], among)} to {_named(run[-1], among)}"
 
 
 def _named(p: Proposed, among: list[Proposed]) -> str:

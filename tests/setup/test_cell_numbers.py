@@ -45,9 +45,14 @@ def test_numbers_with_gaps_are_told_in_the_text_the_files_and_the_result(gaps, c
 
 def test_a_row_of_numbers_that_begins_later_is_told_in_short(gaps, capsys):
     _, out = gaps("CellTemp13", "CellTemp14", "CellTemp15", "CellTemp16")
-    which = f"string_1: {SAID}cells 1 to 4 are CellTemp13 to CellTemp16"
+    which = f"string_1: {SAID}1 to 4 = CellTemp13 to CellTemp16"
     assert f"note: {which}\n" in capsys.readouterr().err
     assert f"# {which}\n" in (out / "gateway.toml").read_text()
+
+
+def test_one_channel_that_is_missing_parts_the_cells_into_two_runs(gaps, capsys):
+    gaps("CellTemp01", "CellTemp02", "CellTemp04", "CellTemp05")
+    assert f"{SAID}1 to 2 = CellTemp01 to CellTemp02, 3 to 4 = CellTemp04 to CellTemp05\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("names", [(), ("CellTemp00", "CellTemp01", "CellTemp02", "CellTemp03")])
