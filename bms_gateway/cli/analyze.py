@@ -114,11 +114,8 @@ def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -
             line, text = n.broken_at[0]
             note(f"{log}: {n.broken} damaged lines skipped, the first at line {line}: {text!r}")
     if engine.clock_faults:
-        sort = (
-            f"; if its parts are in the wrong order, {how_to_sort(args.log[0])}"
-            if "back" in engine.clock_faults
-            else ""
-        )
+        one = len(args.log) == 1 and "back" in engine.clock_faults
+        sort = f"; if its parts are in the wrong order, {how_to_sort(args.log[0])}" if one else ""
         note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward{sort}")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")

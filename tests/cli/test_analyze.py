@@ -97,6 +97,7 @@ def test_a_clock_that_is_set_back_is_told_and_the_duration_is_that_of_the_rows(d
     summary = json.loads(out)
     assert summary["duration_s"] == pytest.approx(30.0, abs=1.0)
     assert "clock set back 1×" in err
+    assert "| sort -s -k1,1 > sorted.log" in err
     assert any(json.loads(x)["code"] == "clock" for x in (tmp_path / "out" / "events.jsonl").read_text().splitlines())
 
 
