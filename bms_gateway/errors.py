@@ -127,6 +127,12 @@ def counted(count: int, one: str, many: str = "") -> str:
 
 
 MOST_DIGITS = 18
+MOST_LISTED = 12
+"""Number of valid choices up to which an error line lists them all."""
+NEAREST = 3
+"""Number of valid choices in an error line where there are more."""
+MOST_COMPARED = 2000
+"""Number of valid choices that are compared with a word: a DBC may have more names."""
 
 
 def whole_number(text: str) -> int | None:
@@ -153,7 +159,8 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"; did you mean 'x'?"``, or the list of the choices when none is near and they are few, or nothing.
+        ``"; did you mean 'x'?"``, or the list of the choices when none is near and they are few, or of many the
+        `NEAREST` that are most like the word.
 
     Examples
     --------
@@ -163,6 +170,8 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     "; did you mean 'lg_m50'?"
     >>> did_you_mean("zzz", ["channel", "interface"])
     '; valid: channel, interface'
+    >>> did_you_mean("zz7", [f"cell_{k}" for k in range(20)])
+    '; of 20 valid ones the nearest: cell_7, cell_17, cell_0'
     """
     known = list(dict.fromkeys(choices))
     near = get_close_matches(word, known, n=5, cutoff=0.6)
@@ -170,7 +179,11 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
         # of equally near ones that which begins alike for longest: lg_m51 is meant for lg_m50, not for lg_mj1
         best = max(near, key=lambda x: (SequenceMatcher(None, word, x).ratio(), _alike(word, x)))
         return f"; did you mean '{best}'?"
-    return f"; valid: {', '.join(sorted(known))}" if 0 < len(known) <= 12 else ""
+    if len(known) <= MOST_LISTED:
+        return f"; valid: {', '.join(sorted(known))}" if known else ""
+    # equally near ones keep their order
+    nearest = sorted(known[:MOST_COMPARED], key=lambda x: -SequenceMatcher(None, word, x).ratio())[:NEAREST]
+    return f"; of {len(known)} valid ones the nearest: {', '.join(nearest)}"
 
 
 def _alike(a: str, b: str) -> int:

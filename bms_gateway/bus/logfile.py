@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from bms_gateway.bus.backwards import Steps, how_to_sort
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, interfaces_in, parse_block
 from bms_gateway.bus.sniff import misnamed
 from bms_gateway.errors import DataError, UsageError
@@ -68,22 +69,21 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
     UsageError
         No such file, or no such format.
     DataError
-        The file is not of the kind that its name says, or cannot be read.
+        The file is not of the kind that its name says, or cannot be read; after the last frame: its time stamps run
+        backwards.
     MissingExtraError
         The format needs an extra.
     """
     path = Path(path)
-    notes = LogNotes() if notes is None else notes
+    notes, steps = LogNotes() if notes is None else notes, Steps()
     try:
         kind = _kind_of_file(path)
         if problem := misnamed(path, kind):
             raise DataError(f"{path}: {problem}")
-        if kind in CANDUMP:
-            yield from _read_candump(path, chunk, notes)
-        else:
-            from bms_gateway.bus.foreign import read_foreign  # python-can loads slowly and candump does not need it
-
-            yield from read_foreign(path, kind, max(1, chunk // 50), notes)
+        for batch in _batches(path, kind, chunk, notes):
+            if len(batch):
+                steps.take(batch)
+            yield batch
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
     if notes.broken and not notes.seen:
@@ -93,6 +93,19 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
         if "\x00" in text:
             raise DataError(f"{path}: not a {kind} log but binary data; a capture of a network is none either")
         raise DataError(f"{path}, line {number}: not a {kind} log: {text!r}")
+    if steps.backwards:
+        raise DataError(
+            f"{path}: its time stamps run backwards, {steps.back} of {steps.back + steps.forth} steps: the frames are "
+            f"in reverse order; {how_to_sort(path)}"
+        )
+
+
+def _batches(path: Path, kind: str, chunk: int, notes: LogNotes) -> Iterator[FrameBatch]:
+    if kind in CANDUMP:
+        return _read_candump(path, chunk, notes)
+    from bms_gateway.bus.foreign import read_foreign  # python-can loads slowly and candump does not need it
+
+    return read_foreign(path, kind, max(1, chunk // 50), notes)
 
 
 def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "can0") -> int:

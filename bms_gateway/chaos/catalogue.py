@@ -61,9 +61,7 @@ class Chaos:
         """
         for name in names:
             if name not in self.scenarios:
-                valid = ", ".join(self.scenarios)
-                near = did_you_mean(name, self.scenarios) or f"; valid: {valid}"
-                raise UsageError(f"chaos: --scenario {name}: no such scenario{near}")
+                raise UsageError(f"chaos: --scenario {name}: no such scenario{did_you_mean(name, self.scenarios)}")
         return list(dict.fromkeys(names)) or list(self.scenarios)
 
     def run(self, name: str) -> Outcome:

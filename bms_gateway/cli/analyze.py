@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import UsageError, counted
+from bms_gateway.errors import counted
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
     from bms_gateway.engine import Engine, Event
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.records.courses import Courses
+    from bms_gateway.records.signal_use import Use
     from bms_gateway.records.span import Span
     from bms_gateway.report.csv_out import ResultFolder
 
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_frames
     from bms_gateway.cli.logged_frames import logged_frames
-    from bms_gateway.cli.output import distinct, say, writable, write_json
+    from bms_gateway.cli.output import distinct, folder_for, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine, drive
     from bms_gateway.records.courses import Courses
@@ -47,10 +48,8 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
 
-    if not args.out:
-        raise UsageError("analyze: --out is empty; name a folder for the results")
+    out = folder_for("analyze", args.out, "the results")
     writable({"--json": args.json})
-    out = Path(args.out)
     loaded = load_config(args.config)
     distinct({"--json": args.json} | {f"--out {file}": out / file for file in FILES}, [*loaded.files, *args.log])
     given_once(args.log)
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, summary)
     wrong = [*contradictions(loaded.plan, engine.inputs), *courses.contradictions()]
     _note(args, engine, notes)
-    _tell(args, engine, folder, span, [*wrong, *advice(uses)])
+    _tell(args, engine, folder, span, [*wrong, *advice(uses)], uses)
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
     say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
@@ -107,6 +106,7 @@ def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
 
 def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -> None:
     """Report faults of the logs."""
+    from bms_gateway.bus.backwards import how_to_sort
     from bms_gateway.cli.output import note
 
     for log, n in zip(args.log, notes, strict=True):
@@ -114,21 +114,32 @@ def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -
             line, text = n.broken_at[0]
             note(f"{log}: {n.broken} damaged lines skipped, the first at line {line}: {text!r}")
     if engine.clock_faults:
-        note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward")
+        one = len(args.log) == 1 and "back" in engine.clock_faults
+        sort = f"; if its parts are in the wrong order, {how_to_sort(args.log[0])}" if one else ""
+        note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward{sort}")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")
 
 
-def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", span: "Span", told: list[str]) -> None:
-    """Print the results: the strings, the hottest core, the alerts, and the faults of each signal."""
+def _tell(
+    args: argparse.Namespace,
+    engine: "Engine",
+    folder: "ResultFolder",
+    span: "Span",
+    told: list[str],
+    uses: "dict[str, Use]",
+) -> None:
+    """Print the results: the strings, the hottest core, the alerts, the faults of each signal, the refused samples."""
     from bms_gateway.cli.output import say
-    from bms_gateway.engine.reasons import unused
+    from bms_gateway.records.refused_samples import refused_samples
+    from bms_gateway.records.signal_use import channel_of
     from bms_gateway.report.hottest import hottest_sentence
 
     say(_table(engine, folder, span.first_ns), args.json)
     known = list(folder.hottest.values())
     if known:
-        say(hottest_sentence(max(known, key=lambda h: h.rank), span.first_ns), args.json)
+        top = max(known, key=lambda h: h.rank)
+        say(hottest_sentence(top, span.first_ns, channel_of(uses, top.string, top.cell)), args.json)
     for text in _standing(engine, args.out):
         say(text, args.json)
     for text in told[:MOST_TOLD]:
@@ -136,8 +147,8 @@ def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", sp
     if len(told) > MOST_TOLD:
         more = f"bms-gateway check {args.config} --log {args.log[0]}"
         say(f"… and {len(told) - MOST_TOLD} more; {more} tells all", args.json)
-    for reason, count in unused(engine.rejected).items():
-        say(f"{counted(count, 'sample')} not used: {reason}", args.json)
+    for text in refused_samples(uses, engine.rejected):
+        say(text, args.json)
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":

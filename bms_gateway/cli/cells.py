@@ -70,6 +70,8 @@ def _one(cell: "CellFacts") -> str:
     ]
     lines = [_described(cell), "", text_table(["", "value", "unit", "rel. sd", "formula"], rows, left=5), ""]
     lines += [f"{symbol}: {p['source']}" for symbol, p in found.items()]
+    if (told := _in_parallel(cell)) is not None:
+        lines += ["", told]
     capacity = [] if cell.capacity_Ah is None else [f"capacity_Ah = {cell.capacity_Ah * cell.parallel:g}"]
     lines += ["", "model file:", "[cell]", f'format = "{cell.name}"', *capacity, "", "[parameters]"]
     lines += [
@@ -82,6 +84,24 @@ def _one(cell: "CellFacts") -> str:
         "A record of the cell type with a thermocouple in the core is worth more than any prior: fit --calibrate.",
     ]
     return "\n".join(lines)
+
+
+def _in_parallel(cell: "CellFacts") -> str | None:
+    """Say what one cell of the model is where it stands for several in parallel."""
+    n = cell.parallel
+    if n == 1:
+        return None
+    told = f"{n} in parallel are one cell of the model, with the current and the heat of all {n}: I² R_e/{n}."
+    if cell.shape != "cylinder" and cell.spacing == 0.0:
+        return (
+            f"{told} Their faces touch (0mm), so that all heat leaves through the outer faces of the stack: R_c, R_u "
+            f"and R_cc are those of one cell of {n} times the thickness."
+        )
+    told += (
+        f" Each gives off its 1/{n} of that heat through its own faces, so that the same core minus surface follows "
+        f"from R_c/{n}, with {n} C and R_u/{n}."
+    )
+    return told if cell.shape == "cylinder" else f"{told} If the faces of the {n} touch, add 0mm to NAME."
 
 
 def _described(cell: "CellFacts") -> str:

@@ -50,6 +50,12 @@ def arguments(parser: Parser) -> None:
         help="the table's own name of a column, once per column, or several separated by commas; "
         "a minus before COLUMN changes the sign",
     )
+    parser.option(
+        "--series",
+        metavar="N",
+        type=int,
+        help="cells in series that voltage_V is measured over, where they are more than those of the string",
+    )
     parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
 
@@ -57,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
+    from bms_gateway.cli.pack_voltage import share_of_string
     from bms_gateway.cli.table_checks import (
         not_carried,
         refuse_log,
@@ -77,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     distinct(outputs, [*loaded.files, args.table])
     plan = loaded.plan
     index = _string(plan, args.string)
-    table = read_table(Path(args.table), columns)
+    table = share_of_string(read_table(Path(args.table), columns), plan.strings[index], args.series)
     check_time(table)
     if len(table) < 2:
         raise DataError(f"{table.source}: one row is too short: a value holds from its row to the next")
@@ -119,9 +126,15 @@ def _tell(
     feed: "dict[Key, Series]",
 ) -> list[str]:
     """Report values of the table that the log lacks; return the entries for signals that the user did not name."""
+    import numpy as np
+
+    from bms_gateway.cli.pack_voltage import of_a_pack
     from bms_gateway.cli.table_checks import empty, far_apart
 
     string = loaded.plan.strings[index]
+    volts = table.voltage_V
+    if volts is not None and (told := of_a_pack(string, volts[np.isfinite(volts)])) is not None:
+        note(f"{table.source}: voltage_V is {told}")
     for x in lost:
         note(
             f"{table.source}: {x['column']}: {x['rows']} of {len(table)} rows, the first at {x['first']}, do not fit "

@@ -49,7 +49,7 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse the fleet; 1 where a log could not be used."""
-    from bms_gateway.cli.output import distinct, note, say, writable, write_json
+    from bms_gateway.cli.output import distinct, folder_for, note, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.fleet import parquet
     from bms_gateway.fleet import whole_fleet as fleet
@@ -57,11 +57,9 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.fleet.vehicle_names import vehicle_of
     from bms_gateway.report.progress import progress
 
-    if not args.out:
-        raise UsageError("fleet: --out is empty; name a folder for the results")
+    out = folder_for("fleet", args.out, "the results")
     jobs = _jobs(args)
     writable({"--json": args.json})
-    out = Path(args.out)
     loaded = load_config(args.config)
     places = {"--json": args.json} | {f"--out {f}": out / f for f in (fleet.FLEET, fleet.ATLAS_FILE)}
     distinct(places, [*loaded.files, *args.log])

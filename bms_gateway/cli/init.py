@@ -12,8 +12,8 @@ from bms_gateway.cli.main import Parser
 from bms_gateway.errors import counted
 
 if TYPE_CHECKING:
-    from bms_gateway.setup.picture import Cores
     from bms_gateway.setup.proposal import Proposal, Proposed, Role
+    from bms_gateway.setup.settle import Settled
     from bms_gateway.setup.vehicle_logs import Traffic
     from bms_gateway.setup.without_dbc import Guess
     from bms_gateway.thermal.cells import CellFacts, Chemistry
@@ -49,18 +49,13 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Propose, ask, write, estimate; 1 if a current or every thermocouple is missing."""
-    from bms_gateway.cli.output import distinct, note, writable
-    from bms_gateway.errors import UsageError
+    from bms_gateway.cli.output import distinct, folder_for, note, writable
     from bms_gateway.records.once import given_once, in_order
     from bms_gateway.setup.propose import propose
     from bms_gateway.setup.vehicle_logs import read_traffic
     from bms_gateway.thermal.cells import cell_of
 
-    if not args.out:
-        raise UsageError("init: --out is empty; name a folder for the config")
-    out = Path(args.out)
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out}: is a file; name a folder")
+    out = folder_for("init", args.out, "the config")
     writable({"--json": args.json})
     distinct({"--json": args.json, "--out gateway.toml": out / "gateway.toml"}, [*args.log, *args.dbc])
     given_once(args.log)
@@ -117,7 +112,7 @@ def _write(
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(settled.cores, int(traffic.frames.time_ns[0]), picture, args.json)
+    _show(settled, int(traffic.frames.time_ns[0]), picture, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
     say(f"{written.config}: written, with {counted(beside, 'file')} beside it. Next:", args.json)
@@ -348,14 +343,17 @@ def _agrees(question: str) -> bool:
         return True
 
 
-def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str | None) -> None:
+def _show(settled: "Settled", start_ns: int, picture: Path | None, json_target: str | None) -> None:
     import numpy as np
 
     from bms_gateway.cli.output import say
     from bms_gateway.frames.quality import AVAILABLE_SD_K
+    from bms_gateway.records.signal_use import channel_of
     from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
+    from bms_gateway.setup.picture import no_picture
 
+    cores = settled.cores
     if cores.last is None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
         return
@@ -367,9 +365,10 @@ def _show(cores: "Cores", start_ns: int, picture: Path | None, json_target: str 
         else:
             say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
     if cores.hottest is not None:
-        say(hottest_sentence(cores.hottest, start_ns), json_target)
+        channel = channel_of(settled.uses, cores.hottest.string, cores.hottest.cell)
+        say(hottest_sentence(cores.hottest, start_ns, channel), json_target)
     if picture is not None:
         steps = "; dotted: a fit gives new parameters, and the core steps there" if cores.fitted_ns else ""
         say(f"picture: {picture}{steps}", json_target)
     else:
-        say("a picture of the cores needs the extra report: pip install 'bms-gateway[report]'", json_target)
+        say(no_picture(cores), json_target)

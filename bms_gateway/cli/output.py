@@ -83,11 +83,41 @@ def writable(outputs: Mapping[str, Path | str | None]) -> None:
             raise UsageError(f"{option} {given}: cannot be written: {reason}")
 
 
+def folder_for(command: str, given: Path | str, what: str) -> Path:
+    """Return the folder of `--out` for results, checked before the work: no file may be in its place.
+
+    Parameters
+    ----------
+    command : str
+        For the error line.
+    given : Path or str
+        As the user gives it; the folder need not exist.
+    what : str
+        What is written there, for the error line.
+
+    Raises
+    ------
+    UsageError
+        It is empty, or it or a part of its path is a file.
+    """
+    if not str(given):
+        raise UsageError(f"{command}: --out is empty; name a folder for {what}")
+    path = Path(given)
+    for part in (path, *path.parents):
+        try:
+            if part.exists() and not part.is_dir():
+                where = "" if part == path else f" {part}"
+                raise UsageError(f"--out {given}:{where} is a file; name a folder for {what}")
+        except OSError as e:
+            raise UsageError(f"--out {given}: cannot be written: {e.strerror}") from None
+    return path
+
+
 def _hindrance(path: Path) -> str | None:
     if path.is_dir():
-        return "is a directory"
+        return "is a directory; name a file"
     if not path.parent.is_dir():
-        return f"no such folder: {path.parent}"
+        return f"{path.parent} is a file, no folder" if path.parent.exists() else f"no such folder: {path.parent}"
     # a plain file is replaced, so only its folder must be writable
     place = path.parent if path.is_file() or not path.exists() else path
     return None if os.access(place, os.W_OK) else "permission denied"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import distinct, say, writable, write_json
+from bms_gateway.cli.output import distinct, folder_for, say, writable, write_json
 from bms_gateway.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -76,9 +76,7 @@ def document(sections: "list[Section]", seeds: int) -> dict[str, Any]:
 
 
 def _folder(given: str) -> Path:
-    if not given:
-        raise UsageError("reproduce: --out is empty; name a folder for the figures")
-    path = Path(given)
+    path = folder_for("reproduce", given, "the figures")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as e:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.cli.pack_voltage import of_a_pack, of_cells
 from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.engine.reasons import REASONS
 from bms_gateway.errors import DataError, UsageError
@@ -183,17 +184,20 @@ def refuse_other_units(string: StringPlan, database: Database, table: Table) -> 
         given = values[np.isfinite(values)]
         ends, believed = _carried(c, database.resolve(c.signal or "")), INPUTS[c.quantity].plausible
         low, high = max(ends[0], believed[0]), min(ends[1], believed[1])
+        least, most = of_cells(string, low, high) if c.quantity == "voltage" else (low, high)
         lost = int(((given < low) | (given > high)).sum())
         if 2 * lost <= len(given):
             continue
         meant = [
             (other, wanted)
             for other, wanted, factor, offset in UNITS.get(INPUTS[c.quantity].kind, ())
-            if ((given * factor + offset >= low) & (given * factor + offset <= high)).mean() > MOSTLY
+            if ((given * factor + offset >= least) & (given * factor + offset <= most)).mean() > MOSTLY
         ]
         column = INPUTS[c.quantity].column.format(c.cell)
         line = ""
-        if meant:
+        if c.quantity == "voltage" and (told := of_a_pack(string, given)) and not meant:
+            line = f": {told}"
+        elif meant:
             unit, wanted = meant[0][:2]
             line = f": are they in {unit}? A table takes {wanted}: --columns '{column}=COLUMN [{unit}]'"
         raise DataError(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.plan import Channel
-from bms_gateway.engine.reasons import CURRENT_STANDS, HELD, REASONS, RIGHT_SIGN, WRONG_SIGN
+from bms_gateway.engine.reasons import CURRENT_STANDS, HELD, RIGHT_SIGN, WRONG_SIGN, why_not
 from bms_gateway.engine.wiring import Wiring
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.quality import Quality
@@ -125,7 +125,7 @@ class InputNews:
         ]
 
     def _why(self, i: int) -> str:
-        return HELD if self.held[i] else REASONS[Quality(int(self.quality[i]))]
+        return HELD if self.held[i] else why_not(self._wiring.channels[i].quantity, Quality(int(self.quality[i])))
 
     def unheard(self) -> dict[str, str]:
         """List the inputs without any sample, by string, as text."""

@@ -21,15 +21,30 @@ REASONS: Final[Mapping[Quality, str]] = {
 HELD: Final = "it has jumped down beside its neighbours and not come back"
 UNKNOWN_MUX, REPEATED = "unknown_multiplexer", "repeated"
 COUNTED: Final[Mapping[str, str]] = {q.name.lower(): text for q, text in REASONS.items()} | {
+    "stuck": "a temperature stands still while current flows, or a current while the voltage moves",
     UNKNOWN_MUX: "the DBC does not know the multiplexer value of the frame",
     REPEATED: "the frame repeats the one before",
 }
 """Words for each key of the counters of samples that are not used."""
+CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
 CURRENT_STANDS: Final = "it stands at {} A while the voltage moves: stuck, saturated or clipped"
 WRONG_SIGN: Final = (
     "current and voltage rise together: the sign of the current is wrong (scale = -1 in its entry changes it)"
 )
 RIGHT_SIGN: Final = "current and voltage move against each other again, as they should"
+
+
+def why_not(quantity: str, quality: Quality) -> str:
+    """Say why samples of a quantity are not used; a current that stands still is found by its voltage.
+
+    Examples
+    --------
+    >>> why_not("current", Quality.STUCK)
+    'the voltage moves while it stands at one value: stuck, saturated or clipped'
+    >>> why_not("surface", Quality.STUCK)
+    'it stands still while current flows'
+    """
+    return CURRENT_REFUSED if (quantity, quality) == ("current", Quality.STUCK) else REASONS[quality]
 
 
 def unused(rejected: Mapping[str, int]) -> dict[str, int]:

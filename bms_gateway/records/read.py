@@ -21,14 +21,14 @@ from bms_gateway.diagnosis.record import Record, make_record
 from bms_gateway.diagnosis.record_inputs import Columns, all_along
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.plan import Channel, StringPlan
-from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.reasons import why_not
 from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.vocabulary import CELL, INPUTS, OPTIONAL, WHOLE, Quantity
 from bms_gateway.records.kind import check_kelvin, check_seconds, log_kind
 from bms_gateway.records.once import given_once
-from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
+from bms_gateway.records.signal_use import WORTH_A_WORD
 from bms_gateway.report.progress import progress
 from bms_gateway.report.table import Table, read_table
 from bms_gateway.thermal import Floats, StringModel
@@ -306,5 +306,4 @@ def _told(heard: Accepted, string: StringPlan) -> Iterator[str]:
             yield f"{c.source} never comes in this log."
         elif count > WORTH_A_WORD * of:
             most = Quality(int(refused.argmax()))
-            why = CURRENT_REFUSED if (c.quantity, most) == ("current", Quality.STUCK) else REASONS[most]
-            yield f"{c.source}: {count} of {of} samples are not used, mostly: {why}."
+            yield f"{c.source}: {count} of {of} samples are not used, mostly: {why_not(c.quantity, most)}."

@@ -11,7 +11,7 @@ from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine import Engine
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.plan import Channel, Plan
-from bms_gateway.engine.reasons import REASONS, WRONG_SIGN
+from bms_gateway.engine.reasons import WRONG_SIGN, why_not
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import SignalInfo
@@ -23,7 +23,6 @@ WORTH_A_WORD: Final = 0.05
 """Share of refused samples above which a signal is reported; at every start a few samples are refused."""
 LOST: Final = 0.5
 """Share of refused samples above which a signal counts as not used."""
-CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
 UNLIKE: Final = 8.0
 """Ratio between the resistance from current and voltage and that of the model, above which a signal or the model is
 wrong; the resistance of an unnamed cell is known to a factor of three."""
@@ -157,6 +156,12 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
     return found
 
 
+def channel_of(uses: dict[str, Use], string: str, cell: int) -> str | None:
+    """Give the signal of a cell's thermocouple, if the config names one."""
+    key = f"{string}.surface.{cell}"
+    return next((signal for signal, use in uses.items() if use.key == key and use.stated), None)
+
+
 def _part(c: Channel) -> str:
     """Give what the config writes after the quantity: a cell, a statistic, or a direction of the current."""
     if c.way != 0:
@@ -198,8 +203,7 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
             ends = f"observed {low:g} … {high:g} {unit}, {allowed}"
             yield f"{share}: {ends}: {_remedy(signal, use)}"
         else:
-            stands = use.channel.quantity == "current" and most == "stuck"
-            yield f"{share}, mostly: {CURRENT_REFUSED if stands else REASONS[Quality[most.upper()]]}"
+            yield f"{share}, mostly: {why_not(use.channel.quantity, Quality[most.upper()])}"
     for signal, use in wanted.items():
         if not use.seen:
             yield f"{use.key}: {signal} never comes in this log: is it another message, bus or source address?"

@@ -52,11 +52,20 @@ def hotter(one: Hottest | None, other: Hottest | None) -> Hottest | None:
     return one
 
 
-def hottest_sentence(h: Hottest, start_ns: int) -> str:
-    """Say in a sentence which core was the hottest, when, and whether it is certain."""
+def hottest_sentence(h: Hottest, start_ns: int, channel: str | None = None) -> str:
+    """Say in a sentence which core was the hottest, when, and whether it is certain.
+
+    Parameters
+    ----------
+    h : Hottest
+    start_ns : int
+    channel : str, optional
+        Signal of the cell's thermocouple.
+    """
+    named = f" ({channel})" if channel else ""
     after = (h.time_ns - start_ns) * 1e-9
     said = (
-        f"hottest core: {h.core_C:.1f} ± {h.core_sd_K:.1f} °C (1 sd), cell {h.cell} of {h.string}, "
+        f"hottest core: {h.core_C:.1f} ± {h.core_sd_K:.1f} °C (1 sd), cell {h.cell} of {h.string}{named}, "
         f"{after:.0f} s after the start"
     )
     return said if h.core_sd_K <= SURE_K else f"{said} (its core is not known to {SURE_K:g} K)"

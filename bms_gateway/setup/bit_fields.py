@@ -18,6 +18,9 @@ FEWEST: Final = 20
 MOST_PAGES: Final = 64
 FEWEST_OF_PAGE: Final = 12
 STAYS: Final = 0.3
+SELECTORS: Final = (Place(0, 8), Place(12, 4), Place(8, 4), Place(4, 4), Place(0, 4))
+"""Places of the bits that may select the meaning of the others: the first byte, or half of one of the first two beside
+a counter or a check sum."""
 OF_ITS_OWN: Final = 0.5
 
 
@@ -29,12 +32,13 @@ class Field:
     ----------
     can_id : int
     page : int or None
-        Value of the first byte if this byte selects the meaning of the others.
+        Value of `selector`, if these bits select the meaning of the others.
     place : Place
     t, x : ndarray (n,)
         Seconds from the begin; raw values.
     silent_s : float
         Part of the time from the first to the last sample in which the bus had no frame.
+    selector : Place
     """
 
     can_id: int
@@ -43,6 +47,7 @@ class Field:
     t: Floats
     x: Floats
     silent_s: float = 0.0
+    selector: Place = SELECTORS[0]
 
     @property
     def rate_Hz(self) -> float:
@@ -82,26 +87,46 @@ def fields_of(frames: FrameBatch) -> Iterator[Field]:
         if len(rows) < FEWEST or length < 1:
             continue
         data = frames.data[rows, :length].astype(np.int64)
-        pages = _pages(data)
+        selector, pages = _selected(data)
         chosen: list[int | None] = [*pages] or [None]
         for page in chosen:
-            of_it = np.ones(len(data), np.bool_) if page is None else data[:, 0] == page
+            of_it = np.ones(len(data), np.bool_) if page is None else _bits(data, selector) == page
             if of_it.sum() >= FEWEST_OF_PAGE:
                 ends = silent[rows][of_it][[0, -1]]
                 for f in _cut(int(can_id), page, t[rows][of_it], data[of_it]):
-                    f.silent_s = float(ends[1] - ends[0])
-                    yield f
+                    f.silent_s, f.selector = float(ends[1] - ends[0]), selector
+                    if page is None or f.place.bits.isdisjoint(selector.bits):
+                        yield f
 
 
-def _pages(data: NDArray[np.int64]) -> list[int]:
-    """Values of a first byte that selects the meaning of the other bytes; empty if this byte selects nothing."""
-    first = data[:, 0]
+def _selected(data: NDArray[np.int64]) -> tuple[Place, list[int]]:
+    """Find the bits that select the meaning of the other bytes, and their values; none if nothing is selected.
+
+    The whole first byte comes first. Of the halves, the one with the fewest values: a counter repeats with the selector
+    if its period is a multiple.
+    """
+    found: list[tuple[Place, list[int]]] = []
+    for place in SELECTORS:
+        if data.shape[1] >= 3 and (pages := _pages(_bits(data, place), data[:, 1 + place.first_bit // 8 :])):
+            found.append((place, pages))
+            if place == SELECTORS[0]:
+                break
+    return min(found, key=lambda x: len(x[1]), default=(SELECTORS[0], []))
+
+
+def _bits(data: NDArray[np.int64], place: Place) -> NDArray[np.int64]:
+    """Read bits that lie in one byte."""
+    byte, low = divmod(place.first_bit, 8)
+    return data[:, byte] >> low & ((1 << place.size) - 1)
+
+
+def _pages(first: NDArray[np.int64], rest: NDArray[np.int64]) -> list[int]:
+    """Values of bits that select the meaning of the bytes behind them; empty if these bits select nothing."""
     values = np.unique(first)
-    if not 2 <= len(values) <= MOST_PAGES or data.shape[1] < 3:
+    if not 2 <= len(values) <= MOST_PAGES:
         return []
     if (np.diff(first) == 0).mean() > STAYS or len(first) < FEWEST_OF_PAGE * len(values):
         return []
-    rest = data[:, 1:]
     from_frame = np.abs(np.diff(rest, axis=0)).mean()
     own = [np.abs(np.diff(rest[first == v], axis=0)) for v in values if (first == v).sum() > 1]
     from_page = np.concatenate(own).mean() if own else np.inf

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Final
 
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.bits import Place
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, Switch
 from bms_gateway.setup.bit_fields import Field
@@ -45,7 +44,7 @@ def guessed_dbc(guesses: Sequence[Guess], length: dict[int, int]) -> str:
             s = _signal(f, _NAMES[g.role].format(count[g.role]), g.scale, g.offset, _UNITS[g.role])
             mine = signals.setdefault(f.can_id, {})
             if f.page is not None:
-                page = Field(f.can_id, None, Place(0, 8), f.t, f.x)
+                page = Field(f.can_id, None, f.selector, f.t, f.x)
                 mine.setdefault(_PAGE, _signal(page, _PAGE, 1.0, 0.0, "", selects=True))
             mine[s.name] = s
     messages = [

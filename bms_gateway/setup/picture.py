@@ -11,6 +11,7 @@ from bms_gateway.report.hottest import Hottest, hotter, hottest_core
 from bms_gateway.thermal import Floats
 from bms_gateway.whole import whole
 
+FEWEST_POINTS = 2
 MOST_POINTS = 4000
 SETTLING_S = 60.0
 """Time after the first estimate in which the cores still depend on the assumed start."""
@@ -65,12 +66,21 @@ class Cores:
             self.hottest = hotter(self.hottest, now)
 
 
+def no_picture(cores: Cores) -> str:
+    """Say why there is no picture: too few cores are known, which no extra changes, or the extra is missing."""
+    if not cores.rows:
+        return "no picture: in this log no core is known at any time, so there is nothing to draw"
+    if len(cores.rows) < FEWEST_POINTS:
+        return "no picture: a core is known at one second of this log only"
+    return "a picture of the cores needs the extra report: pip install 'bms-gateway[report]'"
+
+
 def draw(cores: Cores, path: Path) -> Path | None:
     """Draw hottest core with its band, the range of the surfaces and the times of fits.
 
-    None without the extra, or without estimates.
+    None without the extra, or without estimates; `no_picture` says which.
     """
-    if importlib.util.find_spec("matplotlib") is None or len(cores.rows) < 2:
+    if importlib.util.find_spec("matplotlib") is None or len(cores.rows) < FEWEST_POINTS:
         return None
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

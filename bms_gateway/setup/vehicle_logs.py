@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from bms_gateway.bus.backwards import how_to_sort
 from bms_gateway.bus.logfile import LogNotes, read_log
 from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.read_bounds import bounded
@@ -158,7 +159,8 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
             line, text = notes.broken_at[0]
             remarks.append(f"{log}: {notes.broken} damaged lines skipped, the first at line {line}: {text!r}")
         if faults := clock.faults():
-            remarks.append(f"{log}: {WRONG}: {faults}; time only goes forward")
+            sort = f"; if its parts are in the wrong order, {how_to_sort(log)}" if clock.set_back else ""
+            remarks.append(f"{log}: {WRONG}: {faults}; time only goes forward{sort}")
         if silence := silence_in(of_log.time_ns):
             remarks.append(f"{log}: {silence}")
         if total >= MOST_FRAMES:

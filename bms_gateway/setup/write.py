@@ -22,15 +22,17 @@ from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.records.courses import UNLIKE
 from bms_gateway.setup.capacity_shown import capacity_shown
+from bms_gateway.setup.cell_numbers import left_out, renumbered
 from bms_gateway.setup.inlet_told import inlet_told
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
-from bms_gateway.setup.signal_words import numbers, of_liquid
+from bms_gateway.setup.signal_words import of_liquid
 from bms_gateway.setup.thermal_time import time_contradiction
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, cell_tolerances, stated_parameters
 from bms_gateway.thermal.cells.facts import Cooling
+from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
 from bms_gateway.whole import whole_text
 
 _PARALLEL: Final = re.compile(r"\d+p", re.IGNORECASE)
@@ -65,7 +67,7 @@ COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 NOT_TWICE: Final = 1.0 - 1e-5
 """Factor that avoids a scale which equals that of the DBC's unit by chance: a config with such a scale is refused,
 because it seems to convert twice."""
-MOST_SHOWN: Final = 6
+MOST_SHOWN: Final = 3
 USUAL_INTERFACE: Final = "can0"
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
@@ -100,7 +102,9 @@ def write_setup(
     if not traffic.own:
         names, more = _dbc(proposal, traffic, out)
         files += more
-    notes += [told for told in (left_out(proposal), renumbered(proposal)) if told is not None]
+    told_first = left_out(proposal)
+    notes += [told_first] if told_first is not None else []
+    notes += _numbering(proposal)
     notes += inlet_told(proposal)
     proposal.against_cell.clear()
     lumped, resistance = lump(proposal, cell, notes)
@@ -118,7 +122,8 @@ def write_setup(
         for string, cells in enumerate(proposal.cells, 1):
             path = out / f"string_{string}.toml"
             model = _model(proposal, string, cells, lumped, cell is not None, resistance)
-            write_model(model, path, _heading(lumped, cell is not None, resistance))
+            heading = [_heading(lumped, cell is not None, resistance), renumbered(proposal, string)]
+            write_model(model, path, "\n".join(line for line in heading if line is not None))
             files.append(path)
             if cell is not None and (told := time_contradiction(proposal, string, model, cell.name)) is not None:
                 notes.append(told)
@@ -128,6 +133,13 @@ def write_setup(
     except OSError as e:
         raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
     return Written(config, (config, *files), tuple(notes))
+
+
+def _numbering(proposal: Proposal) -> list[str]:
+    """Say of the first strings which channels their cells are; the files say it of all."""
+    found = [x for k in range(1, len(proposal.cells) + 1) if (x := renumbered(proposal, k)) is not None]
+    more = len(found) - MOST_SHOWN
+    return found[:MOST_SHOWN] + ([f"… and of {more} more strings; gateway.toml lists all"] if more > 0 else [])
 
 
 def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], list[Path]]:
@@ -246,7 +258,8 @@ def _model(
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=capacity,
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
-        tolerances=cell_tolerances(replace(lumped, cooling="liquid") if liquid else lumped, cells),
+        tolerances=cell_tolerances(replace(lumped, cooling="liquid") if liquid else lumped, cells)
+        | _rounded(proposal, string),
         cell_format=_in_words(lumped) if known else None,
     )
     # a wrong size or a wrong current may fit the drive well: the core is not proven
@@ -260,6 +273,17 @@ def _model(
         return model
     values, sds = model.free_numbers
     return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, doubts))
+
+
+def _rounded(proposal: Proposal, string: int) -> dict[str, float]:
+    """Tolerance of thermocouples that are sent in coarse steps: a reading is off by up to half a step.
+
+    The error of rounding is uniform, and it stays as long as the reading does: no mean of many samples removes it.
+    """
+    step_K = max((p.resolution for p in proposal.of("surface", string)), default=0.0)
+    off_K = step_K / math.sqrt(12.0)
+    usual_K = DEFAULT_TOLERANCES["surface_offset_K"]
+    return {"surface_offset_K": float(f"{math.hypot(off_K, usual_K):.2g}")} if off_K > usual_K else {}
 
 
 def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
@@ -384,6 +408,8 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     lines.append("[string.signals.surface]")
     if string not in proposal.numbered and (told := left_out(proposal)) is not None:
         lines.append(f"# {told}")
+    if (told := renumbered(proposal, string)) is not None:
+        lines.append(f"# {told}")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
         own = _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
         lines += [*own[:-1], f"# {own[-1]}"] if _spare(proposal, p) else own
@@ -408,35 +434,6 @@ def _spare(proposal: Proposal, p: Proposed) -> bool:
     """Whether the hottest core does not need this reading: least or mean beside the greatest of the same cells."""
     beside = (q.statistic for q in proposal.of("surface") if q.string == p.string and q.index is None)
     return p.index is None and p.statistic != "max" and "max" in beside
-
-
-def left_out(proposal: Proposal) -> str | None:
-    """Say that the channels in use number the cells; None if the names do, or if no channel is left out."""
-    counted = {p.string for p in proposal.of("surface") if p.index is not None and p.string not in proposal.numbered}
-    n = len(proposal.refused)
-    if not n or not counted:
-        return None
-    first = next(path for path, _ in proposal.unused if path in proposal.refused)
-    channels = f"{n} channels of thermocouples were" if n > 1 else "a channel of a thermocouple was"
-    more = f"{first} …" if n > 1 else first
-    return (
-        f"{channels} left out ({more}): nothing confirms how many cells there are, so the cells are numbered by the "
-        "channels that are used, and not by the numbers in the names"
-    )
-
-
-def renumbered(proposal: Proposal) -> str | None:
-    """List the channels of the first string's cells if the names have other numbers; None otherwise."""
-    mine = [p for p in proposal.of("surface", 1) if p.index is not None]
-    own = [numbers(p.series.info.name)[1][-1:] for p in mine]
-    first = own[0][0] if own and own[0] else 0
-    if not all(own) or first > 1 or all(n[0] == (p.index or 0) + first - 1 for n, p in zip(own, mine, strict=True)):
-        return None
-    if proposal.refused or len(mine) < 2:  # told by `left_out`
-        return None
-    shown = ", ".join(f"{p.index} = {p.series.info.name}" for p in mine[:MOST_SHOWN])
-    more = " …" if len(mine) > MOST_SHOWN else ""
-    return f"string_1: the cells of the model are numbered by their channels: {shown}{more}"
 
 
 def share(proposal: Proposal, cells: int) -> float:

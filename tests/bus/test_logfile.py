@@ -2,6 +2,7 @@
 
 import gzip
 import itertools
+import subprocess
 
 import numpy as np
 import pytest
@@ -229,3 +230,24 @@ def test_the_interfaces_of_a_log_are_counted(tmp_path):
     assert not logfile.interfaces_of(tmp_path / "cut.log.gz")
     (tmp_path / "a.asc").write_text("date\n")
     assert not logfile.interfaces_of(tmp_path / "a.asc")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_reversed_log_is_refused_with_the_command_that_sorts_it(tmp_path, packed):
+    lines = [f"({1.7e9 + k / 10:.6f}) can0 100#{k % 256:02X}\n" for k in range(600)]
+    text = "".join(reversed(lines)).encode()
+    log = tmp_path / ("back.log.gz" if packed else "back.log")
+    log.write_bytes(gzip.compress(text) if packed else text)
+    with pytest.raises(DataError, match="its time stamps run backwards, 599 of 599 steps") as told:
+        list(read_log(log))
+    command = str(told.value).rpartition("by time: ")[2]
+    subprocess.run(command, shell=True, cwd=tmp_path, check=True)
+    assert (tmp_path / "sorted.log").read_text() == "".join(lines)
+    assert sum(map(len, read_log(tmp_path / "sorted.log"))) == 600
+
+
+def test_frames_that_an_adapter_reorders_and_a_clock_set_back_are_no_reversed_log(tmp_path):
+    log = tmp_path / "odd.log"
+    order = [k ^ 1 if k < 300 else k - 290 for k in range(600)]
+    log.write_text("".join(f"({1.7e9 + k / 10:.6f}) can0 100#{k % 256:02X}\n" for k in order))
+    assert sum(map(len, read_log(log, chunk=2000))) == 600

@@ -1,5 +1,6 @@
 """`check --log` and `analyze`: what was made of each signal, from frames that were counted by hand."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import cantools
 import pytest
 
 from bms_gateway.cli.main import main
+from bms_gateway.config import shipped
 from tests.config.bench_cell import PARAMETERS, one_cell
 
 DBC = """VERSION ""
@@ -129,3 +131,29 @@ def test_a_log_that_is_none_is_one_line(tmp_path, capsys) -> None:
     told = capsys.readouterr().err
     assert "none.log" in told
     assert told.count("\n") == 1
+
+
+def test_a_current_that_stands_at_the_end_is_named_and_no_thermocouple_is(tmp_path, capsys) -> None:
+    lines, kept = [], ""
+    for line in gzip.decompress(shipped("deploy/worked/drive.log.gz").read_bytes()).decode().splitlines():
+        if " 121#" in line and float(line[1:18]) > 450.0:
+            line = line.partition("#")[0] + f"#{kept}" + line.rpartition("#")[2][4:]
+        elif " 121#" in line:
+            kept = line.rpartition("#")[2][:4]
+        lines.append(line)
+    log = tmp_path / "drive.log"
+    log.write_text("\n".join(lines) + "\n")
+    words = [
+        "analyze",
+        str(log),
+        "--config",
+        str(shipped("deploy/worked/gateway.toml")),
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    why = "the voltage moves while it stands at one value: stuck, saturated or clipped"
+    assert f"ALARM at the end: pack: current not used: {why} (BMS_PackStatus.PackCurrent)" in out
+    assert len([line for line in out.splitlines() if f"samples of the current not used: {why}" in line]) == 1
+    assert "while current flows" not in out

@@ -106,3 +106,15 @@ def test_help_tells_how_an_effect_of_ones_own_is_checked_and_the_table_written(c
     out = capsys.readouterr().out
     assert "broken_properties(YourEffect)" in out
     assert "effects --write notes.md" in out
+
+
+@pytest.mark.parametrize("words", ["effects nosuch", "add nosuch --model m.toml --data t.csv --out o.toml"])
+def test_a_name_like_none_gets_the_nearest_ones(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("m.toml").write_text(EXAMPLE)
+    assert main(words.split()) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    named = err.partition("the nearest: ")[2].partition(" (all: bms-gateway effects)")[0].split(", ")
+    assert len(named) == 3
+    assert set(named) <= set(catalogue())

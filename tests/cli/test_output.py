@@ -35,6 +35,7 @@ def contents(folder):
 
 
 ENCODE = ["encode", "bench.csv", "--config", "gateway.toml"]
+ANALYZE = ["analyze", "old.log", "--config", "gateway.toml"]
 SIMULATE = ["simulate", "--config", "gateway.toml", "--duration", "5"]
 
 
@@ -54,6 +55,15 @@ SIMULATE = ["simulate", "--config", "gateway.toml", "--duration", "5"]
         ([*SIMULATE, "--out", "a.log", "--truth", "gateway.toml"], "this file is read"),
         ([*SIMULATE, "--out", "a.log", "--truth", "t.csv", "--json", "./t.csv"], "--truth writes to the same file"),
         ([*SIMULATE, "--out", "old.blf"], "candump"),
+        ([*ENCODE, "--out", "bench.csv/a.log"], "cannot be written: bench.csv is a file, no folder"),
+        ([*ENCODE, "--out", "."], "--out .: cannot be written: is a directory; name a file"),
+        ([*ANALYZE, "--out", "bench.csv"], "--out bench.csv: is a file; name a folder for the results"),
+        ([*ANALYZE, "--out", "bench.csv/a/b"], "--out bench.csv/a/b: bench.csv is a file; name a folder"),
+        (["fleet", *ANALYZE[1:], "--out", "bench.csv"], "--out bench.csv: is a file; name a folder for the results"),
+        (["fleet", *ANALYZE[1:], "--out", "bench.csv/a"], "bench.csv is a file; name a folder"),
+        (["init", "old.log", "--out", "bench.csv/a"], "bench.csv is a file; name a folder for the config"),
+        (["reproduce", "errata", "--out", "bench.csv"], "--out bench.csv: is a file; name a folder for the figures"),
+        (["reproduce", "errata", "--out", "bench.csv/a"], "bench.csv is a file; name a folder for the figures"),
         (["replay", "old.log", "--to", "vcan9", "--json", "old.log"], "this file is read"),
         (["replay", "old.log", "--to", "vcan9", "--json", "no/x.json"], "no such folder: no"),
         (["demo", "--json", "no/x.json"], "no such folder: no"),

@@ -43,7 +43,7 @@ def test_a_wrong_word_is_told_in_one_line(capsys, words, told):
 
 def test_a_folder_that_is_a_file_is_told(tmp_path, capsys):
     (tmp_path / "taken").write_text("x")
-    assert "cannot be made" in complaint(capsys, "errata", "--out", str(tmp_path / "taken"))
+    assert "is a file; name a folder" in complaint(capsys, "errata", "--out", str(tmp_path / "taken"))
 
 
 def test_json_alone_goes_to_standard_output(capsys):

@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.engine.events import Estimated, Parameters
 from bms_gateway.engine.readings import Layout
-from bms_gateway.setup.picture import Cores, draw
+from bms_gateway.setup.picture import Cores, draw, no_picture
 
 NAN = np.nan
 
@@ -90,3 +90,14 @@ def test_a_fit_is_marked_where_the_core_steps(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(Axes, "axvline", lambda _, x, **how: drawn.append((x, how["label"])))
     assert draw(cores, tmp_path / "cores.png") is not None
     assert drawn == [(101.0, "a fit gives new parameters"), (150.0, None)]  # not the numbers of the file at the start
+
+
+def test_without_a_picture_the_reason_is_the_extra_only_where_cores_were_known() -> None:
+    dark = Cores()
+    for second in (5, 6, 7):
+        dark.take(estimated(second, [NAN] * 4, [25.0, 26.0, 28.0, 27.0]))
+    assert "no core is known" in no_picture(dark)
+    assert "extra" not in no_picture(dark)
+    dark.take(estimated(8, [25.0, 26.0, 27.0, 28.0], [25.0, 26.0, 28.0, 27.0]))
+    assert "one second" in no_picture(dark)
+    assert "pip install 'bms-gateway[report]'" in no_picture(taken())

@@ -6,11 +6,16 @@ Where the bits really are is told by the DBC by which the simulated frames were 
 import json
 import re
 
+import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.config.dbc_files import dbc_text
+from bms_gateway.config import shipped
+from bms_gateway.config.dbc_files import dbc_text, own_dbc_text
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.bits import Place
 from bms_gateway.frames.dbc import parse, parse_lenient
+from bms_gateway.setup.bit_fields import SELECTORS, fields_of
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.without_dbc import guess
 from tests.data import need
@@ -136,3 +141,37 @@ def test_real_vehicles_without_their_dbc(log):
     found = proposed(need("can", f"{log}.log.gz"), need("dbc", f"{dbc}.dbc"))
     for role, parts in wanted.items():
         assert any(part in path for names in found[role] for path in names for part in parts), (role, found[role])
+
+
+@pytest.mark.slow
+def test_our_own_messages_without_our_dbc(tmp_path):
+    """Their thermocouples are selected by half a byte beside a counter, behind a check sum."""
+    log = tmp_path / "own.log"
+    config = str(shipped("deploy/example/gateway.toml"))
+    words = ["--cycle", "us06", "--seed", "3", "--duration", "900"]
+    assert main(["simulate", "--config", config, "--out", str(log), *words]) == 0
+    messages = parse_lenient("own.dbc", own_dbc_text())
+    found = {}
+    for g in guess(read_traffic([log], []).frames):
+        found.setdefault(g.role, []).append(set().union(*(real(f, messages) for f in (g.field, *g.beside))))
+    assert any("electrical.current" in path for names in found["current"] for path in names), found
+    assert any("surface.surface_" in path for names in found["surface"] for path in names), found
+
+
+@pytest.mark.parametrize("place", SELECTORS, ids=str)
+def test_bits_that_select_are_found_beside_a_counter_and_a_check_sum(place):
+    rng = np.random.default_rng(1)
+    k = np.arange(400)
+    data = np.zeros((400, 8), np.uint8)
+    data[:, 0], data[:, 1] = rng.integers(0, 256, 400), k % 15
+    byte, low = divmod(place.first_bit, 8)
+    data[:, byte] &= 255 ^ ((1 << place.size) - 1 << low)
+    data[:, byte] |= (k % 3 << low).astype(np.uint8)
+    data[:, 4] = 60 * (k % 3) + k // 40
+    frames = FrameBatch(k * 10**8, np.full(400, 0x123, np.uint32), np.full(400, 8, np.uint8), data)
+    found = list(fields_of(frames))
+    assert {f.page for f in found} == {0, 1, 2}
+    if place.size == 8 or place.first_bit >= 8:
+        assert {f.selector for f in found} == {place}
+    assert all(f.place.bits.isdisjoint(f.selector.bits) for f in found)
+    assert {f.page for f in found if f.place == Place(32, 8) and np.ptp(f.x) == 9} == {0, 1, 2}

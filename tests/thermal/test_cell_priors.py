@@ -133,3 +133,19 @@ def test_what_is_wrong_is_told_in_a_line(text: str, part: str) -> None:
         cell_of(text)
     assert part in str(told.value)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(("gap", "stacks"), [("2mm", 1), ("0mm", 3)], ids=["apart", "touching"])
+def test_r_c_of_parallel_pouches_is_between_mean_and_hottest_of_a_solved_stack(gap, stacks) -> None:
+    """Truth: the heat equation of the layers by finite differences, heated uniformly, both outer faces at 0 K."""
+    cells, thickness, k, area, heat = 3, 8e-3, 0.6, 0.2 * 0.1, 5.0
+    total = stacks * thickness  # three cells apart are three such plates, each with a third of the heat
+    share = heat * stacks / cells
+    n = 400
+    laplacian = (np.diag(np.full(n, -2.0)) + np.diag(np.ones(n - 1), 1) + np.diag(np.ones(n - 1), -1)) * (n + 1) ** 2
+    rise = np.linalg.solve(laplacian, np.full(n, -share / (area * total) * total**2 / k))
+    told = stated_parameters(cell_of(f"pouch 200x100x8mm 3p {gap}"))
+    assert rise.mean() < heat * told["R_c"].value < rise.max()
+    one = stated_parameters(cell_of(f"pouch 200x100x8mm {gap}"))
+    assert told["R_e"].value == pytest.approx(one["R_e"].value / cells)
+    assert told["C_c"].value == pytest.approx(one["C_c"].value * cells)

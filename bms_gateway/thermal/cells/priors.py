@@ -7,7 +7,7 @@ median.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -118,7 +118,11 @@ def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
     Parameters
     ----------
     cell : CellFacts
-        With `parallel` > 1, the parallel cells count as one: capacities add, resistances divide.
+        With `parallel` = n > 1, the n cells count as one. It carries the current I of all and their heat: each cell
+        heats by (I/n)² R_e, all by I² R_e/n. Through each cell flows 1/n of the heat, so that a temperature difference
+        is the same with n times the capacities and 1/n of all resistances, R_c too. This holds where each cell gives
+        off its heat through its own faces. Flat cells that touch (`spacing` 0) give it off through the outer faces of
+        their stack, which is computed as one cell of n times the thickness.
 
     Returns
     -------
@@ -143,7 +147,8 @@ def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
     """
     total, total_sd, heat, heat_source = _heat_capacity(cell)
     C_s = cell.area * CAN_M[cell.shape] * CAN_J_M3K[cell.shape]
-    film = _film(cell)
+    stacked = _stack(cell)
+    film = _film(stacked)
     found = {
         "C_c": Stated(total - C_s, total_sd, f"{heat} − C_s", heat_source),
         "C_s": Stated(
@@ -154,13 +159,25 @@ def stated_parameters(cell: CellFacts) -> dict[str, Stated]:
             "geometry; held against two-node fits of measured cells (26650: 2.7 to 4.5, 32157: 18.8 J/K)",
         ),
         "R_e": _resistance(cell),
-        "R_c": _core(cell),
+        "R_c": _core(stacked),
         "R_u": Stated(1.0 / film.conductance, film.rel_sd, film.formula, film.source),
-        "R_cc": _neighbours(cell),
+        "R_cc": _neighbours(stacked),
     }
     if cell.parallel == 1:
         return found
+    if stacked is not cell:
+        text = f"{cell.parallel} cells that touch, as one of {cell.parallel} times the thickness: "
+        whole = {k: replace(found[k], formula=text + found[k].formula) for k in ("R_c", "R_u", "R_cc")}
+        return {k: whole.get(k) or _side_by_side(k, s, cell.parallel) for k, s in found.items()}
     return {symbol: _side_by_side(symbol, s, cell.parallel) for symbol, s in found.items()}
+
+
+def _stack(cell: CellFacts) -> CellFacts:
+    """Replace parallel flat cells whose faces touch by one of their thickness: heat leaves through its outer faces."""
+    if cell.parallel == 1 or cell.shape == "cylinder" or cell.spacing != 0.0:
+        return cell
+    length, width, thickness = cell.size
+    return replace(cell, size=(length, width, cell.parallel * thickness), parallel=1)
 
 
 def cell_priors(cell: CellFacts, *, conduction: bool) -> dict[str, Prior]:

@@ -119,4 +119,5 @@ def effect_named(name: str) -> Effect:
     try:
         return catalogue()[name]
     except KeyError:
-        raise ConfigError(f"effect {name!r} is not in the catalogue{did_you_mean(name, catalogue())}") from None
+        near = did_you_mean(name, catalogue())
+        raise ConfigError(f"effect {name!r} is not in the catalogue{near} (all: bms-gateway effects)") from None
