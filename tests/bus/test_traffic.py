@@ -51,6 +51,24 @@ def test_a_hole_is_ten_seconds_and_ten_usual_intervals_long(t, hole):
     assert steps(array(*t), array(*t)).hole_s == hole
 
 
+@pytest.mark.parametrize("step", [0.1, 0.25, 0.5, 1.0])
+def test_a_temperature_in_coarse_steps_keeps_them_between_its_rows(step):
+    """Lines between rows hid from the guard how coarse a sensor is, and halved its noise."""
+    t = np.arange(600.0)
+    x = np.round((30.0 + 0.01 * t + 0.4 * step * np.random.default_rng(1).standard_normal(600)) / step) * step
+    at = np.arange(0.0, 599.0, 0.3)
+    read = lines(t, x).at(at)
+    assert read == pytest.approx(x[np.floor(at + 0.5).astype(int)], abs=1e-9)  # of the nearest row
+    off = (read - x[0]) / step
+    assert np.abs(off - np.round(off)).max() < 1e-6
+
+
+def test_a_fine_or_smooth_temperature_is_a_line_between_its_rows():
+    t = np.arange(600.0)
+    for x in (30.0 + 0.01 * t, np.round(30.0 + 0.01 * t, 2), 30.0 + 0.25 * t, np.where(t < 300, 25.0, 25.37)):
+        assert lines(t, x).at(array(10.5)).tolist() == [0.5 * (x[10] + x[11])]
+
+
 def test_steps_are_as_narrow_as_rows_allow():
     s = steps(array(0, 1, 2), array(1, 3, 5))
     assert s.at(array(0.5, 0.9999985, 1.0, 1.9, 2.0)).tolist() == [1, 1, 3, 3, 5]

@@ -129,15 +129,20 @@ def clock(s):
     return f"{int(s) // 3600}:{int(s) // 60 % 60:02}:{int(s) % 60:02}"
 
 
+def at_rest(page) -> float:
+    """Stop the page near the end of the log; give the start of what it shows, s."""
+    page.wait("return document.querySelector('#play') && !document.querySelector('#live-state').innerText")
+    page.click("#play")
+    page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
+    page.wait(SHOWN + " === 191")
+    return page.run(ENDS)[0]
+
+
 @pytest.mark.plain_cases(1)
 def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
     with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
         page = window(url, (1280, 900))
-        page.wait("return document.querySelector('#play') && !document.querySelector('#live-state').innerText")
-        page.click("#play")
-        page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
-        page.wait(SHOWN + " === 191")
-        first = page.run(ENDS)[0]
+        first = at_rest(page)
         if first < BEGAN_S:  # bug: the page's clock was a second behind its own files
             told = page.run("return fetch(document.querySelector('#export').href).then(r => r.text())")
             shown_s = float(list(csv.DictReader(io.StringIO(told)))[-1]["time_s"])
@@ -245,11 +250,7 @@ def test_of_stretches_chosen_while_an_answer_is_under_way_the_last_is_shown(wind
     """At rest no tick comes that asks anew: a stretch chosen meanwhile was never asked for."""
     with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
         page = window(url, (1280, 900))
-        page.wait("return document.querySelector('#play') && !document.querySelector('#live-state').innerText")
-        page.click("#play")
-        page.run("const t = document.querySelector('#time'); t.value = 190; t.dispatchEvent(new Event('input'))")
-        page.wait(SHOWN + " === 191")
-        first = page.run(ENDS)[0]
+        first = at_rest(page)
         wall = page.run("return document.querySelector('#past-from').classList.contains('dated')")
         local = "return new Date(1e3 * arguments[0]).toLocaleString('sv-SE')"
         page.run(SLOWLY)
