@@ -36,6 +36,7 @@ from bms_gateway.thermal import Floats
 GOOD, NOT_AVAILABLE = (np.uint8(q) for q in (Quality.GOOD, Quality.NOT_AVAILABLE))  # numpy compares its own type faster
 ABOVE_K = 0.3
 """K, three times the noise of a thermocouple: a good reading replaces the hottest point if it exceeds it by more."""
+BEFORE_S = 30.0  # s: the onset of a fault is known to a few steps of the watch
 ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time
 
 
@@ -231,6 +232,7 @@ class Estimators:
             for s, v in zip(group.strings, watch.verdicts, strict=True):
                 s.health.heat = v.findings
                 v.burning = s.burning
+            _disbelieve(group, t1, new)
             # holders of the last arrays keep them unchanged
             heats = self.newest.heat.copy(), self.newest.heat_sd.copy()
             group.put(heats[0], watch.told.heat)
@@ -451,3 +453,11 @@ def fingerprint(plan: StringPlan) -> str:
     for e in m.effects:
         text += repr((e.key, sorted(e.values.items()), sorted(e.sd.items())))
     return sha256(text.encode()).hexdigest()[:16]
+
+
+def _disbelieve(group: Group, now_ns: int, found: list[tuple[int, Finding]]) -> None:
+    """Take the readings of thermocouples that are found to be wrong back from the windows, since their fault began."""
+    for j, f in found:
+        if f.code == "thermocouple" and f.level and f.cell is not None and group.disbelieves(j):
+            group.backlog.catch_up(j)
+            group.strings[j].disbelieve(f.cell - 1, (now_ns - f.since_ns) * 1e-9 + BEFORE_S)

@@ -165,14 +165,18 @@ class Group:
 
         They stay if fewer than two thermocouples of the string would be left.
         """
-        wrong = {j: s.wrong for j, s in enumerate(self.strings) if s.wrong}
+        wrong = {j: s.wrong for j, s in enumerate(self.strings) if s.wrong and self.disbelieves(j)}
         if not wrong:
             return y
         believed = y.copy()
         for j, cells in wrong.items():
-            if len(self.strings[j].plan.model.sensors) - len(cells) >= LEFT:
-                believed[j, list(cells)] = np.nan
+            believed[j, list(cells)] = np.nan
         return believed
+
+    def disbelieves(self, j: int) -> bool:
+        """Return whether string `j` does without the thermocouples that are reported to be wrong."""
+        s = self.strings[j]
+        return len(s.plan.model.sensors) - len(s.wrong) >= LEFT
 
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Mark cells (S, n) that no number of the model describes.

@@ -337,6 +337,13 @@ class StringEstimator:
         own = self.identifier.patience(dt)
         return min(own, self.health.collector.patience(dt)) if self.health.commissioned else own
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Forget the readings of a cell (0-based) in the last seconds: its thermocouple is reported to be wrong."""
+        self.identifier.disbelieve(cell, seconds)
+        self.health.collector.ticks.disbelieve(cell, seconds)
+        if self.cells is not None:
+            self.cells.disbelieve(cell, seconds)
+
     def take(self, ticks: Ticks) -> None:
         """Give waiting regular ticks to all identifiers."""
         self.identifier.take(ticks)

@@ -123,6 +123,10 @@ class CellIdentifier:
         self._heard = False
         self._sums.reset()
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Forget the readings of a cell (0-based) in the last seconds of the present window."""
+        self._ticks.disbelieve(cell, seconds)
+
     def add(
         self, tick: Tick, pairs: PairMeans | None, current: float, flow_ratio: float, common: Callable[[], Posterior]
     ) -> CellJob | None:

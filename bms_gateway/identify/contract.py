@@ -219,6 +219,10 @@ class Identifier(Protocol):
         """Include regular ticks that have waited, no more than `patience` allows."""
         ...
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Forget the readings of a cell (0-based) in the last seconds, as far as they are kept: they were wrong."""
+        ...
+
     def accept(self, result: Any) -> None:
         """Use the result of a job."""
         ...

@@ -26,6 +26,9 @@ class FixedIdentifier:
     def add(self, tick: Tick) -> None:
         """Learn nothing."""
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Do nothing."""
+
     def patience(self, dt: float) -> int:  # noqa: ARG002 — the protocol
         """No tick is ever needed."""
         return ENDLESS

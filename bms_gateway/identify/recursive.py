@@ -188,6 +188,9 @@ class RecursiveIdentifier:
         self._inlet_mean += share * off
         self._inlet_var += share * (off * off - self._inlet_var)
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Do nothing: no readings are kept."""
+
     def patience(self, dt: float) -> int:  # noqa: ARG002 — the protocol
         """Return 0: every tick is needed at once."""
         return 0

@@ -5,7 +5,7 @@ one each and decide how long it may become.
 """
 
 from dataclasses import dataclass, field
-from math import isfinite
+from math import ceil, isfinite
 from typing import Literal
 
 from bms_gateway.identify.contract import Tick
@@ -108,6 +108,11 @@ class Stretch:
         self.readings.add(tick.surface, tick.age)
         self.inlet.append(self.inlet[-1] if still else inlet)
         return "taken"
+
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Remove the readings of a cell (0-based) in the last seconds: its thermocouple was wrong."""
+        if len(self):
+            self.readings.drop(cell, ceil(seconds / self.dt))
 
     def take(self, ticks: Ticks, *columns: Floats) -> None:
         """Include complete regular ticks with their values (K,); the same as adding them one by one."""

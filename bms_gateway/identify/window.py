@@ -176,6 +176,10 @@ class WindowIdentifier:
             return self._look()
         return job
 
+    def disbelieve(self, cell: int, seconds: float) -> None:
+        """Forget the readings of a cell (0-based) in the last seconds of the present window."""
+        self.now.disbelieve(cell, seconds)
+
     def patience(self, dt: float) -> int:
         """Count the regular ticks that `take` may get before one must come by `add`; none of them ends a window."""
         if not self.now.inlet or self.now.steps_otherwise(dt):

@@ -50,6 +50,13 @@ class Gathered:
         self._single, self._blocks = [], []
         self._keep(surface[:ticks], age[:ticks])
 
+    def drop(self, cell: int, ticks: int) -> None:
+        """Remove the readings of a cell (0-based) in the last ticks."""
+        surface, age = self.whole()
+        surface[max(0, len(surface) - ticks) :, cell] = np.nan
+        self._single, self._blocks = [], []
+        self._keep(surface, age)
+
     def whole(self) -> tuple[Floats, Floats]:
         """Return all readings.
 

@@ -68,6 +68,20 @@ def test_what_is_given_back_is_what_came_however_it_came(seed: int, cuts: list[i
     assert np.array_equal(ages[read[:, list(of)]], age[:, list(of)][read[:, list(of)]])
 
 
+@pytest.mark.parametrize("dropped", [0, 1, 7, 70, 500])
+def test_readings_of_a_cell_are_dropped_from_the_last_ticks_only(dropped: int) -> None:
+    readings, y = Gathered(), 25.0 + np.arange(130 * 3.0).reshape(130, 3)
+    readings.take(y[:60], np.zeros((60, 3)))
+    for row in y[60:]:
+        readings.add(row, np.zeros(3))
+    readings.drop(1, dropped)
+    left = y.copy()
+    left[max(0, 130 - dropped) :, 1] = NAN
+    assert np.array_equal(readings.whole()[0], left, equal_nan=True)
+    readings.add(y[0], np.zeros(3))  # and it goes on
+    assert np.array_equal(readings.whole()[0][-1], y[0])
+
+
 def gather(add: Callable[[Tick], object]) -> None:
     """Bring ticks as the engine does: a string's readings are cut out of those of all strings."""
     for k in range(60 * MINUTES):

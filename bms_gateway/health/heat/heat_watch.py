@@ -305,6 +305,9 @@ class HeatWatch:
         self.course.still = self._sensors.still * self._grid.tick_s
         still = alone(self.course.still, self.filter.at.fitted & ~aside)
         for v in self.verdicts:
+            if (v.still & ~still[v.s]).any():  # what it read before it was known to stand still is no evidence
+                self.evidence.forget(v.s)
+                v.pass_over()
             v.still = still[v.s]
         return still
 
