@@ -36,7 +36,8 @@ from bms_gateway.thermal import Floats
 GOOD, NOT_AVAILABLE = (np.uint8(q) for q in (Quality.GOOD, Quality.NOT_AVAILABLE))  # numpy compares its own type faster
 ABOVE_K = 0.3
 """K, three times the noise of a thermocouple: a good reading replaces the hottest point if it exceeds it by more."""
-BEFORE_S = 30.0  # s: the onset of a fault is known to a few steps of the watch
+BEFORE_S, ALL_S = 30.0, 1e5
+"""s: the onset of a fault is known to a few steps of the watch; longer than any window."""
 ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time
 
 
@@ -210,7 +211,7 @@ class Estimators:
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.slow["soc"][group.rows], dt + self._gap_s
-        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, believed, age, cells)
+        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, group.learnt(believed, t1), age, cells)
         jobs += [(group.members[j], job) for j, job in group.backlog.add(heard)]
         group.errors = e.errors
         return e.errors.mean_square()
@@ -456,8 +457,12 @@ def fingerprint(plan: StringPlan) -> str:
 
 
 def _disbelieve(group: Group, now_ns: int, found: list[tuple[int, Finding]]) -> None:
-    """Take the readings of thermocouples that are found to be wrong back from the windows, since their fault began."""
+    """Take readings back from the windows: of wrong thermocouples since their fault, of cells that heat altogether."""
     for j, f in found:
-        if f.code == "thermocouple" and f.level and f.cell is not None and group.disbelieves(j):
+        s, heats = group.strings[j], f.code == "unexplained_heat"
+        if not f.level or f.cell is None or not (heats or f.code == "thermocouple"):
+            continue
+        if group.does_without(j, s.wrong + s.heating):
             group.backlog.catch_up(j)
-            group.strings[j].disbelieve(f.cell - 1, (now_ns - f.since_ns) * 1e-9 + BEFORE_S)
+            # weak heat is found late, and its beginning is not known
+            s.disbelieve(f.cell - 1, ALL_S if heats else (now_ns - f.since_ns) * 1e-9 + BEFORE_S)

@@ -1,7 +1,7 @@
 """Strings with a common observer, and what is computed for all of them at once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -24,6 +24,7 @@ from bms_gateway.thermal import Floats
 GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
+WARM_NS = 1_800_000_000_000
 LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)
@@ -60,6 +61,8 @@ class Group:
     heat : ndarray (S,) or None
         Heat of a mean cell from its voltage in the newest tick, W; NaN if unknown, None if there are no voltages.
     contradicted : Contradicted
+    heated : dict of (int, int) to int
+        Bus time, ns, until which the identifiers of a string do without a cell (0-based) that has heated by itself.
     """
 
     members: list[int]
@@ -80,6 +83,7 @@ class Group:
     misread: Floats | None = None
     errors: Errors | None = None
     heat: Floats | None = None
+    heated: dict[tuple[int, int], int] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -165,18 +169,33 @@ class Group:
 
         They stay if fewer than two thermocouples of the string would be left.
         """
-        wrong = {j: s.wrong for j, s in enumerate(self.strings) if s.wrong and self.disbelieves(j)}
-        if not wrong:
-            return y
-        believed = y.copy()
-        for j, cells in wrong.items():
-            believed[j, list(cells)] = np.nan
-        return believed
+        return self._without(y, [s.wrong for s in self.strings])
 
-    def disbelieves(self, j: int) -> bool:
-        """Return whether string `j` does without the thermocouples that are reported to be wrong."""
-        s = self.strings[j]
-        return len(s.plan.model.sensors) - len(s.wrong) >= LEFT
+    def learnt(self, believed: Floats, now_ns: int) -> Floats:
+        """Return the surfaces (S, n) from which identifiers learn: also without cells that heat by themselves.
+
+        A cell stays warm for a while after its heat has ended.
+        """
+        for j, s in enumerate(self.strings):
+            self.heated |= {(j, k): now_ns + WARM_NS for k in s.heating}
+        if not self.heated:
+            return believed
+        self.heated = {at: until for at, until in self.heated.items() if until > now_ns}
+        left_out = [s.wrong + tuple(k for i, k in self.heated if i == j) for j, s in enumerate(self.strings)]
+        return self._without(believed, left_out)
+
+    def does_without(self, j: int, cells: Sequence[int]) -> bool:
+        """Return whether enough thermocouples of string `j` are left without those of some cells (0-based)."""
+        return len({k - 1 for k in self.strings[j].plan.model.sensors} - set(cells)) >= LEFT
+
+    def _without(self, y: Floats, left_out: Sequence[tuple[int, ...]]) -> Floats:
+        if not any(left_out):
+            return y
+        kept = y.copy()
+        for j, cells in enumerate(left_out):
+            if cells and self.does_without(j, cells):
+                kept[j, list(cells)] = np.nan
+        return kept
 
     def burnt(self, own: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Mark cells (S, n) that no number of the model describes.

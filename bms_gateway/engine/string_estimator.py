@@ -255,6 +255,11 @@ class StringEstimator:
         return tuple(f.cell - 1 for f in self.health.heat if f.code == "thermocouple" and f.cell is not None)
 
     @property
+    def heating(self) -> tuple[int, ...]:
+        """0-based cells that heat by themselves: no number of the model describes them."""
+        return tuple(f.cell - 1 for f in self.health.heat if f.code == "unexplained_heat" and f.cell is not None)
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """Reasons why the string's cores are not proven, a sentence each; with any reason they are sent as doubtful."""
         return self.plan.model.doubts + self.identifier.doubts()

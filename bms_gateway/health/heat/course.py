@@ -84,9 +84,8 @@ class Course:
         Worse cooling has been reported.
     inlet : ndarray (S,), °C
         Last measured value.
-    fine, still : ndarray (S, m), K, s
-        Resolution of the thermocouples' readings, 0 where unknown; and for how long one has read the same, if that is
-        unusual for it, else 0.
+    fine : ndarray (S, m), K
+        Resolution of the thermocouples' readings; 0 where unknown.
     ln : ndarray (S,)
         Mean of the greatest ln evidence so far; it shows the quality of the models.
     alone : ndarray of bool (S,)
@@ -115,7 +114,6 @@ class Course:
     cooling: Bools
     inlet: Floats
     fine: Floats
-    still: Floats
     ln: Floats
     alone: Bools
     few: Bools
@@ -142,7 +140,6 @@ class Course:
             cooling=np.zeros(S, np.bool_),
             inlet=np.full(S, np.nan),
             fine=np.zeros((S, f.at.sensed)),
-            still=np.zeros((S, f.at.sensed)),
             ln=np.full(S, USUAL_FIRST),
             alone=f.usual.alone,
             few=f.usual.alone,

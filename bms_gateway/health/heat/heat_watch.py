@@ -302,13 +302,14 @@ class HeatWatch:
 
     def _still(self, aside: Bools) -> Bools:
         """Find thermocouples (S, m), of those that are not set aside, that stand unusually still."""
-        self.course.still = self._sensors.still * self._grid.tick_s
-        still = alone(self.course.still, self.filter.at.fitted & ~aside)
+        still_s = self._sensors.still * self._grid.tick_s
+        still = alone(still_s, self.filter.at.fitted & ~aside)
         for v in self.verdicts:
-            if (v.still & ~still[v.s]).any():  # what it read before it was known to stand still is no evidence
+            now = np.where(still[v.s] | aside[v.s], still_s[v.s], 0.0)
+            if ((v.still > 0.0) & (now == 0.0) & ~v.aside).any():  # what it read before it stood still is no evidence
                 self.evidence.forget(v.s)
                 v.pass_over()
-            v.still = still[v.s]
+            v.still = now
         return still
 
     def _wake(self, inlet: Floats, y: Floats, now_ns: int) -> None:
@@ -382,7 +383,8 @@ class HeatWatch:
         self.course.forget(new)
         self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))
-        of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT) | self.course.still.any(axis=1)
+        of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
+        of_note |= self._sensors.still.any(axis=1)
         sound = heard & ~new & ~self._lost.lost & np.array([not v.of_string for v in self.verdicts])
         usual = self.evidence.usual(w, self._age > ONE_FAULT_S)
         learnt = np.clip(usual, 0.0, SURE) - self.course.ln

@@ -8,7 +8,7 @@ import numpy as np
 
 from bms_gateway.health.heat import levels, many_heats
 from bms_gateway.health.heat.course import COOLING_BACK, FROZEN_K, FROZEN_S, MISSING_BACK, Course
-from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding, SeenStep, held, lasted
@@ -34,8 +34,8 @@ class Verdict:
     findings : list of Finding
     aside : ndarray of bool (m,)
         Thermocouples whose readings are not used.
-    still : ndarray of bool (m,)
-        Those of the others that stand unusually still; their readings are not used either.
+    still : ndarray (m,), s
+        How long a thermocouple has stood unusually still, and 0; its readings are not used either.
     woke_ns : int or None
         When the string last woke from a sleep.
     seen : SeenStep
@@ -49,7 +49,7 @@ class Verdict:
     evidence: Evidence
     course: Course
     aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
-    still: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
+    still: Floats = field(init=False)
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
     seen: SeenStep = field(init=False)
@@ -66,7 +66,7 @@ class Verdict:
 
     def __post_init__(self) -> None:
         m = self.of.at.sensed
-        self.aside, self.still = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+        self.aside, self.still = np.zeros(m, np.bool_), np.zeros(m)
         self.seen = SeenStep(np.ones(m, np.bool_), np.zeros(m), cools=False, age_s=0.0)
         self._standing = Standing(self.s, self.of, self.evidence, self.course)
 
@@ -82,8 +82,7 @@ class Verdict:
     @property
     def jumped(self) -> Bools:
         """Which thermocouples (m,) have been found to have jumped."""
-        places = [g.place for g in self.findings if g.kind is Kind.JUMP]
-        return np.isin(np.arange(len(self.aside)), places)
+        return np.isin(np.arange(len(self.aside)), [g.place for g in self.findings if g.kind is Kind.JUMP])
 
     @property
     def leads(self) -> bool:
@@ -109,8 +108,9 @@ class Verdict:
             New findings, and those that have ended (level 0).
         """
         told = self._prove(now_ns) + self._followed(now_ns) + self._left(now_ns) + self._also_heat(now_ns)
-        told += self._stand_still(now_ns)
-        if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
+        frozen_now = self._stand_still(now_ns)
+        told += frozen_now
+        if frozen_now or 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # then the model is wrong
             self.evidence.forget(self.s)
             return told
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
@@ -220,16 +220,17 @@ class Verdict:
         sure = sure and held_s >= (HOLD_COMMON_S if kind in (Kind.FLOW, Kind.INLET) else HOLD_S)
         if early(self.evidence, self.s, E, best, onset) or not (sure or waited):
             return []
-        frozen_shows = kind < Kind.FLOW and not self._proven and shown_by(self.of, self.s, (kind, j), self.still)
-        if frozen_shows or many_heats.may_be_heats(self.evidence, self.s, kind, onset, float(E[best]), many):
+        own = kind < Kind.FLOW and not self._proven
+        if (own and shown_by(self.of, self.s, (kind, j), self.still * ~self.aside)) or many_heats.may_be_heats(
+            self.evidence, self.s, kind, onset, float(E[best]), many
+        ):
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
 
     def _hidden(self, now_ns: int) -> Bools:
         """Return which onsets are before the end of the last sleep."""
-        if self.woke_ns is None:
-            return np.zeros(ONSETS, np.bool_)
-        return self.evidence.ages(self.s) > lasted(self.woke_ns, now_ns, self.of.dt)
+        awake_s = np.inf if self.woke_ns is None else lasted(self.woke_ns, now_ns, self.of.dt)
+        return np.asarray(self.evidence.ages(self.s) > awake_s)
 
     def _accept(self, fault: int, onset: int, w: Weighed, share: Floats, sure: float, now_ns: int) -> list[Finding]:
         """Accept a fault: the states are shifted by its effect, and the evidence starts again from zero."""
@@ -388,10 +389,9 @@ class Verdict:
 
     def _stand_still(self, now_ns: int) -> list[Finding]:
         """Set thermocouples aside that are frozen."""
-        told = []
-        for place in frozen(self.course, self.s, self.still, self._residual, self._residual_sd).tolist():
-            since = now_ns - round(float(self.course.still[self.s, place]) * 1e9)
-            new = Finding("", None, 1, since, kind=Kind.LAG, place=place, size=1.0)
+        told, still = [], self.still * ~self.aside
+        for place in frozen(self.course.fine[self.s], still, self._residual, self._residual_sd).tolist():
+            new = Finding("", None, 1, now_ns - round(still[place] * 1e9), kind=Kind.LAG, place=place, size=1.0)
             self._fails(new)
             self.evidence.forget(self.s)
             self._tell(new, now_ns)
@@ -425,8 +425,8 @@ class Verdict:
         if g.kind is Kind.JUMP and not self.aside[g.place]:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < levels.BACK_JUMP, 60.0)
         if g.code == "thermocouple" and g.still_s and self.aside[g.place]:
-            off, sd = float(self._residual[g.place]), float(self._residual_sd[g.place])
-            return self._quiet(g, now_ns, thawed(self.course, s, g, off, sd), THAWED_S)
+            state = (float(x[g.place]) for x in (self.still, self._residual, self._residual_sd))
+            return self._quiet(g, now_ns, thawed(*state), THAWED_S)
         if g.code == "thermocouple":
             return self._quiet(g, now_ns, not self.aside[g.place] or self._near(g), levels.QUIET_S)
         if g.code == "cooling":
@@ -496,5 +496,5 @@ class Verdict:
         elif g.kind is Kind.HEAT:
             g.heat, g.heat_sd = heat_there(f, s, g.place, g.places)
         if g.kind is Kind.HEAT or (g.code == "thermocouple" and self.aside[g.place]):
-            note_still(f, self.course, s, g)
+            note_still(f, s, g, self.still)
         g.text = sentence(g, at.cells, now_ns)
