@@ -100,7 +100,7 @@ def write_setup(
     files = []
     names: list[str] = []
     if not traffic.own:
-        names, more = _dbc(proposal, traffic, out)
+        names, more = _dbc(proposal, traffic, out, notes)
         files += more
     told_first = left_out(proposal)
     notes += [told_first] if told_first is not None else []
@@ -142,12 +142,19 @@ def _numbering(proposal: Proposal) -> list[str]:
     return found[:MOST_SHOWN] + ([f"… and of {more} more strings; gateway.toml lists all"] if more > 0 else [])
 
 
-def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], list[Path]]:
-    if traffic.strict and traffic.dbc:
+def _dbc(proposal: Proposal, traffic: Traffic, out: Path, notes: list[str]) -> tuple[list[str], list[Path]]:
+    """Name the DBC files; only if something of them had to be changed, write the needed part anew, and say why."""
+    used = [half.series.info for p in proposal.signals for half in p.single]
+    changed = [traffic.readdressed[m] for m in dict.fromkeys(s.message for s in used) if m in traffic.readdressed]
+    why = [*traffic.corrected, *changed]
+    if not why:
         return [os.path.relpath(p, out) for p in traffic.dbc], []
     path = out / "vehicle.dbc"
-    comment = "The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init."
-    used = [half.series.info for p in proposal.signals for half in p.single]
+    told = f"{why[0]}; and {len(why) - 1} more" if len(why) > 1 else why[0]
+    notes.append(f"{path.name} is a copy of the part of the DBC that gateway.toml needs, because of this: {told}")
+    comment = (
+        f"The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init because of this: {told}"
+    )
     infos = [traffic.messages[info.message].signals[info.name] for info in used]
     with whole_text(path) as file:
         file.write(format_dbc(traffic.messages.values(), infos, comment))
