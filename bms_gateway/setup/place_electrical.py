@@ -110,6 +110,7 @@ def place_voltage(
     p = Proposed("voltage", e.voltage.series, e.voltage.factor, 0.0, sure=sure, why=list(e.voltage.why))
     if not adds and proposal.series_cells > 1:
         known = not cells and not e.cells_of
+        proposal.series_guessed |= not known
         told = _series_told(proposal.series_cells, e.voltage.middle, middle, e, bool(cells))
         p.why.append(told)
         if not known and not any("cells in series is a guess" in r for r in proposal.remarks):

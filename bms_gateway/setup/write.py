@@ -407,7 +407,8 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         lines.append(f"coolant_inlet = {{ constant_C = {around.value_C:.1f} }}  # (?) the bus has none: {what}")
     voltage = next(proposal.of("voltage", string), None)
     if voltage is not None and (voltage.string == string or proposal.series_cells):
-        lines += _line("voltage", voltage, share(proposal, cells))
+        part = share(proposal, cells)
+        lines += _line("voltage", voltage, part, guessed=part != 1.0 and proposal.series_guessed)
     for role in (q for q in WHOLE if not INPUTS[q].electrical and not INPUTS[q].needed):
         found = next(proposal.of(role, string), None)
         if found is not None:
@@ -458,8 +459,8 @@ def _cell(p: Proposed, cells: int) -> int:
     return stand_in(kind, range(1, cells + 1))
 
 
-def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]:
-    """One key of the config with its reasons, short."""
+def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1, *, guessed: bool = False) -> list[str]:
+    """One key of the config with its reasons, short; `guessed`: a sure signal whose scale is a guess."""
     scale, offset = p.written
     fields = [f'{p.statistic}_of = "1-{cells}"'] if p.role == "surface" and p.index is None else []
     fields += [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
@@ -475,7 +476,7 @@ def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]
         fields.append(f"{name} = {text}")
     value = json.dumps(p.path, ensure_ascii=False) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
     low, high = p.observed
-    comment = f"{'' if p.sure else '(?) '}{low:.4g} … {high:.4g} {INPUTS[p.role].unit}".rstrip()
+    comment = f"{'' if p.sure and not guessed else '(?) '}{low:.4g} … {high:.4g} {INPUTS[p.role].unit}".rstrip()
     if part != 1.0:
         comment += " of the pack; the share of this string's cells" if p.string is None else " of the string; the "
         comment += "share of the cells with a thermocouple" if p.string is not None else ""
