@@ -16,7 +16,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.gunzip import Gunzip
 from bms_gateway.whole import whole
 
-__all__ = ["FORMATS", "LogNotes", "interfaces_of", "read_log", "write_log"]
+__all__ = ["FORMATS", "LogNotes", "interfaces_of", "no_such_log", "read_log", "write_log"]
 
 CANDUMP: Final = (".log",)
 FORMATS: Final = (*CANDUMP, ".asc", ".blf", ".csv", ".mf4", ".trc")
@@ -153,13 +153,18 @@ def write_frames(out: BinaryIO | gzip.GzipFile, batches: Iterable[FrameBatch], c
     return count
 
 
+def no_such_log(path: Path) -> str:
+    """Say that a log does not exist, with the nearest name."""
+    return f"no such log: {path}{_nearest_file(path)}"
+
+
 def _kind_of_file(path: Path) -> str:
     """Tell the format of a log by its name, if the file exists; raise `OSError` if it cannot be looked at."""
     if path.is_dir():
         raise UsageError(f"{path}: is a directory; expected a log")
     kind = _kind(path)
     if not path.exists():
-        raise UsageError(f"no such log: {path}{_nearest_file(path)}")
+        raise UsageError(no_such_log(path))
     if not path.is_file():
         raise UsageError(f"{path}: is no plain file; expected a log")
     return kind

@@ -2,6 +2,7 @@
 
 import re
 import zlib
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +13,7 @@ _SCREEN = re.compile(rb"(\(\S+( \S+)?\)\s+)?\S+\s+([RT]X\s+\S+\s+\S+\s+)?[0-9A-F
 _NO_STAMP = re.compile(rb"[A-Za-z]\S*\s+[0-9A-Fa-f]{3,8}#")
 _TABLE = re.compile(rb"(\xef\xbb\xbf)?[^\n\x00]*(time_s|current_A|coolant_inlet_C|surface_\d+_C)")
 FEWEST_COLUMNS: Final = 3
+MOST_TITLES: Final = 5
 _STARTS: Final = (
     (b"LOGG", ".blf"),
     (b"MDF     ", ".mf4"),
@@ -63,7 +65,10 @@ def misnamed(path: Path, kind: str) -> str | None:
 
 
 def _is_table(head: bytes) -> bool:
-    """Whether rows of a CSV file are measurements: columns of ours, or names over rows without an identifier (0x…)."""
+    """Whether rows of a CSV file are measurements: columns of ours, or names over rows without an identifier (0x…).
+
+    Up to five lines of a title may stand above the names.
+    """
     if _TABLE.match(head):
         return True
     wide = head.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -71,10 +76,16 @@ def _is_table(head: bytes) -> bool:
     lines = [line for line in text.splitlines() if line.strip()][:-1]  # the last one may be cut
     if len(lines) < 2 or "\x00" in text:
         return False
-    mark = max(",;\t", key=lines[0].count)
-    names = [name.strip() for name in lines[0].split(mark)]
+    # a comma may be the decimal mark
+    mark = next((m for m in ";\t" if any(line.count(m) >= FEWEST_COLUMNS - 1 for line in lines)), ",")
+    usual = Counter(line.count(mark) for line in lines).most_common(1)[0][0]
+    # lines of fewer fields above the names are titles
+    titles = next(k for k, line in enumerate(lines) if line.count(mark) >= usual)
+    first = titles if titles <= MOST_TITLES else 0
+    names = [name.strip() for name in lines[first].split(mark)]
     named = sum(any(c.isalpha() for c in name) for name in names)
-    return named >= FEWEST_COLUMNS and not any("0x" in line for line in lines[1:3])
+    below = lines[first + 1 : first + 3]
+    return bool(below) and named >= FEWEST_COLUMNS and not any("0x" in line for line in below)
 
 
 def _unpacked(raw: bytes) -> bytes:

@@ -24,8 +24,8 @@ EXAMPLE = """
 
 DIR gets fleet.parquet (one row per log, day and string), atlas.parquet (errors by cell and regime over the vehicles)
 and logs/ (a file per log). Run again, only logs that are new or changed are analysed. A log that cannot be read has a
-row that says why, and the exit status is 1. With --scheduler, its workers read the logs and the config at the same
-paths as here, and have the same version of bms-gateway[fleet]
+row that says why, and the exit status is 1; it is 2 if none of the logs exists. With --scheduler, its workers read the
+logs and the config at the same paths as here, and have the same version of bms-gateway[fleet]
 """
 MOST_SHOWN = 10
 
@@ -49,6 +49,7 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse the fleet; 1 where a log could not be used."""
+    from bms_gateway.bus.logfile import no_such_log
     from bms_gateway.cli.output import distinct, folder_for, note, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.fleet import parquet
@@ -63,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(args.config)
     places = {"--json": args.json} | {f"--out {f}": out / f for f in (fleet.FLEET, fleet.ATLAS_FILE)}
     distinct(places, [*loaded.files, *args.log])
+    if not any(log.exists() for log in args.log):
+        raise UsageError(no_such_log(args.log[0]))
     logs = [(log, vehicle_of(log, args.vehicle)) for log in once(args.log)]
     with progress("logs", len(logs)) as advance:
         done = fleet.run_fleet(logs, loaded, out, jobs=jobs, scheduler=args.scheduler, advance=advance)

@@ -129,7 +129,7 @@ def _reader(where: str, config: GatewayConfig, databases: Mapping[str, str]) -> 
 
 def _load(path: Path, uploaded: bool) -> LoadedConfig:
     where = str(path)
-    data = read_toml(path)
+    data = read_toml(path, "gateway config")
     if "parameters" in data and "string" not in data:
         raise ConfigError(f"{where}: is the model file of a string; a gateway config is needed, which names such files")
     config = validate(GatewayConfig, data, where)
@@ -140,6 +140,7 @@ def _load(path: Path, uploaded: bool) -> LoadedConfig:
         file = _file(path, name, f"bus.dbc[{i}]")
         databases[str(file)] = dbc_text(file)
     database = Database.load({**databases, OWN_DBC: own_dbc_text()}, _reader(where, config, databases))
+    _dbc_for_signals(where, config, database)
     database = put_right(where, config, database)
     _known_interface(where, config.bus.interface)
     _limits(where, config)
@@ -155,6 +156,18 @@ def _load(path: Path, uploaded: bool) -> LoadedConfig:
     models = [path.parent / s.model for s in config.string]
     files = tuple(dict.fromkeys([path, *map(Path, databases), *models, *mqtt_files(path, config).values()]))
     return LoadedConfig(path, config, plan, database, _store(path, config), files)
+
+
+def _dbc_for_signals(where: str, config: GatewayConfig, database: Database) -> None:
+    """Refuse signals of a vehicle's DBC if the config names none."""
+    for number, string in enumerate(config.string if not config.bus.dbc else [], 1):
+        for key, source in string.signals.sources() if string.signals is not None else ():
+            message, dot, _ = (source.signal or "").partition(".")
+            if dot and message not in database.messages:
+                raise ConfigError(
+                    f"{where}: bus.dbc names no file, and string[{number}].signals.{key} needs the DBC with message "
+                    f"'{clipped(message, MOST_SHOWN)}': dbc = [\"vehicle.dbc\"]"
+                )
 
 
 def _beside(config: GatewayConfig) -> GatewayConfig:

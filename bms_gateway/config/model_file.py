@@ -129,12 +129,12 @@ def read_model(path: Path) -> StringModel:
     ConfigError
         One line with file, key, fault and the nearest valid choice.
     """
-    return parse_model(read_text(path), str(path))
+    return parse_model(read_text(path, "model file"), str(path))
 
 
 def parse_model(text: str, where: str = "model") -> StringModel:
     """Read a string model from TOML text; error lines call it `where`."""
-    data = parse_toml(text, where)
+    data = parse_toml(text, where, "model file")
     if "string" in data and "parameters" not in data:
         raise ConfigError(f"{where}: is a gateway config; a model file is needed, as its [[string]] entries name them")
     file = validate(ModelFile, data, where)

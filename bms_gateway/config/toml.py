@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from bms_gateway.config.other_files import HEAD, kind_of_file, other_kind
 from bms_gateway.config.read_bounds import bounded
 from bms_gateway.config.text_file import decoded, read_bytes
 from bms_gateway.errors import ConfigError, clipped, did_you_mean
@@ -25,23 +26,25 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """Read a TOML file; error lines call what is expected `what`.
 
     Raises
     ------
     ConfigError
         Missing, unreadable or not TOML; the message names the nearest existing file, or the line.
     """
-    return parse_toml(read_text(path), str(path))
+    return parse_toml(read_text(path, what), str(path), what)
 
 
-def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML text; error lines call it `where`."""
+def parse_toml(text: str, where: str, what: str) -> dict[str, Any]:
+    """Parse TOML text; error lines call it `where`, and what is expected `what`."""
     with bounded(where):
         try:
             data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as e:
+            if (kind := other_kind(text[:HEAD])) is not None:
+                raise ConfigError(f"{where}: is {kind}, not a {what}") from None
             raise ConfigError(f"{where}: not valid TOML: {one_line(str(e))}") from None
         except RecursionError:
             raise ConfigError(f"{where}: not valid here: arrays or tables nested over {DEEPEST} deep") from None
@@ -51,8 +54,14 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     return data
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, what: str = "TOML file") -> str:
     """Read a text file of the user; skip the byte-order mark that Windows writes before UTF-8.
+
+    Parameters
+    ----------
+    path : Path
+    what : str
+        What is expected, in error lines about a file of another kind.
 
     Raises
     ------
@@ -61,7 +70,11 @@ def read_text(path: Path) -> str:
     """
     try:
         text = decoded(read_bytes(path, MOST_BYTES), "utf-8-sig", path, MOST_BYTES)
-    except UnicodeDecodeError as e:
+    except (ConfigError, UnicodeDecodeError) as e:
+        if (kind := kind_of_file(path)) is not None:
+            raise ConfigError(f"{path}: is {kind}, not a {what}") from None
+        if isinstance(e, ConfigError):
+            raise
         raise ConfigError(f"{path}: not UTF-8 text (byte {e.start})") from None
     if not text.strip():
         raise ConfigError(f"{path}: is empty")

@@ -18,6 +18,9 @@ BU_: Vehicle Gateway
 _CONVENTION = """BA_DEF_ SG_ "RawConvention" ENUM "Plain","J1939";
 BA_DEF_DEF_ "RawConvention" "Plain";
 """
+_GROUPS = """BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+"""
 
 
 def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], comment: str = "") -> str:
@@ -35,7 +38,7 @@ def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], c
     Returns
     -------
     str
-        `dbc.parse` gives these signals again.
+        `dbc.parse` gives these signals again, and which messages are parameter groups of J1939.
     """
     wanted: dict[str, dict[str, SignalInfo]] = {}
     for s in signals:
@@ -45,6 +48,7 @@ def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], c
     switches: list[str] = []
     kinds: list[str] = []
     raw: list[str] = []
+    groups: list[str] = []
     for m in messages:
         if m.name not in wanted:
             continue
@@ -59,13 +63,17 @@ def format_dbc(messages: Iterable[MessageInfo], signals: Iterable[SignalInfo], c
             lines.append(_signal(s, s.name in inner))
             _beside(s, _number(m.can_id), switches, kinds, values, raw)
         blocks.append("\n".join(lines))
+        if m.any_sender:
+            groups.append(f'BA_ "VFrameFormat" BO_ {_number(m.can_id)} 3;')
     told = [f'CM_ "{_plain(comment)}";'] if comment else []
     parts: list[Sequence[str]] = [
         [_HEAD],
         blocks,
         [""],
         told,
-        [_CONVENTION] if raw else [],
+        [_CONVENTION] if raw or groups else [],
+        [_GROUPS] if groups else [],
+        groups,
         raw,
         values,
         kinds,

@@ -7,6 +7,8 @@ from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.signal_words import numbers
 
 MOST_SHOWN: Final = 12
+MOST_EACH: Final = 1.5
+"""Greatest number of cells for each thermocouple in a model that has the cells without a thermocouple too."""
 
 
 def left_out(proposal: Proposal) -> str | None:
@@ -19,9 +21,22 @@ def left_out(proposal: Proposal) -> str | None:
     channels = f"{n} channels of thermocouples were" if n > 1 else "a channel of a thermocouple was"
     more = f"{first} …" if n > 1 else first
     return (
-        f"{channels} left out ({more}): nothing confirms how many cells there are, so the cells are numbered by the "
+        f"{channels} left out ({more}): {_why(proposal)}, so the cells are numbered by the "
         "channels that are used, and not by the numbers in the names"
     )
+
+
+def _why(proposal: Proposal) -> str:
+    """Say why the numbers in the names are not those of the cells."""
+    volted = sum(1 for _ in proposal.of("cell_voltage"))
+    used = sum(p.index is not None for p in proposal.of("surface"))
+    if volted > MOST_EACH * used:
+        return f"{used} thermocouples are too few for a model of all {volted} cells that have a voltage"
+    if volted > 1:
+        return f"the numbers in the names do not fit those of the {volted} cell voltages"
+    if proposal.series_cells and not proposal.series_guessed:
+        return "no voltages of single cells confirm the numbers in the names"
+    return "nothing confirms how many cells there are"
 
 
 def renumbered(proposal: Proposal, string: int) -> str | None:

@@ -2,6 +2,7 @@
 
 The names of the two differ by the words for charge and discharge only, and the data agree: each has one sign, and the
 two never flow at the same time. Limits for charge and discharge have such names too, but both are above zero at once.
+Pairs without such names are found in `both_ways_by_data`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -34,7 +35,7 @@ ONE_SIGN: Final = (0.01, 0.99)
 Words = tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class BothWays:
     """A current of two signals.
 
@@ -46,6 +47,9 @@ class BothWays:
         Discharge minus charge, in the unit of `discharge`; its `info` is that of `discharge`.
     out, into : float
         Net = out · discharge + into · charge, in the units of the DBC.
+    confirmed : (float, float) or None
+        Of a pair that the data alone show: the resistance by which the voltage falls with the discharge, and that by
+        which it rises with the charge. None for a pair by its names.
     """
 
     discharge: Series
@@ -53,6 +57,7 @@ class BothWays:
     net: Series
     out: float
     into: float
+    confirmed: tuple[float, float] | None = None
 
     @property
     def paths(self) -> tuple[str, str]:
@@ -71,9 +76,9 @@ def both_ways(series: Iterable[Series]) -> tuple[list[BothWays], set[str]]:
     """
     pairs, limits = [], set()
     for out, into in _called_so(series):
-        if 0.0 in (signs := (_sign(out), _sign(into))):
+        if 0.0 in (signs := (one_sign(out), one_sign(into))):
             continue
-        if (pair := _joined(out, into, signs)) is not None:
+        if (pair := joined(out, into, signs)) is not None:
             pairs.append(pair)
         else:
             limits |= {out.path, into.path}
@@ -109,7 +114,7 @@ def _way(given: Words) -> str | None:
     return None if out == into else "discharge" if out else "charge"
 
 
-def _joined(discharge: Series, charge: Series, signs: tuple[float, float]) -> BothWays | None:
+def joined(discharge: Series, charge: Series, signs: tuple[float, float]) -> BothWays | None:
     """Join two series if they never flow at once; None otherwise."""
     factors = [unit.factor if (unit := unit_of(s.info.unit)) is not None else 1.0 for s in (discharge, charge)]
     t = np.union1d(discharge.t, charge.t)
@@ -126,7 +131,7 @@ def _joined(discharge: Series, charge: Series, signs: tuple[float, float]) -> Bo
     return BothWays(discharge, charge, net, out, into)
 
 
-def _sign(s: Series) -> float:
+def one_sign(s: Series) -> float:
     """Return the sign of a series; 0 if it has both."""
     low, high = (float(x) for x in np.quantile(s.x, ONE_SIGN))
     small = SMALL * max(-low, high) + 2.0 * abs(s.info.scale)

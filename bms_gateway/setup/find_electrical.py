@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.records.current_witness import ALTERNATES, alternates
+from bms_gateway.setup.both_ways_by_data import apart, by_data
 from bms_gateway.setup.find_both_ways import BothWays, both_ways
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.signal_series import Series
@@ -58,7 +59,8 @@ SAME_MESSAGE: Final = 2.0
 class Scored:
     """A candidate: a series with SI = factor · x + shift, its score and the reasons for it.
 
-    `both_ways` are the two signals of a current that has one for each direction.
+    `both_ways` are the two signals of a current that has one for each direction. `maybe_other` is a signal that may be
+    the other direction of this one: they never flow at once, and nothing confirms it.
     """
 
     series: Series
@@ -68,6 +70,7 @@ class Scored:
     why: list[str]
     unit: Unit | None = None
     both_ways: BothWays | None = None
+    maybe_other: str | None = None
 
     @property
     def values(self) -> Floats:
@@ -185,6 +188,11 @@ def currents(series: list[Series]) -> list[Scored]:
         if c.series.path in limits:
             c.score -= 4.0
             c.why.append("charge and discharge have a value at once: limits")
+    never_at_once = apart(series, limits.union(*(pair.paths for pair in found)))
+    found += by_data(never_at_once, series)
+    for c in single:
+        others = [b.path if a is c.series else a.path for a, b in never_at_once if a is c.series or b is c.series]
+        c.maybe_other = others[0] if others else None
     pairs = [pair for pair in found if not any(_same(pair.net, c) for c in single if c.score > 0.0)]
     halves = {path for pair in found for path in pair.paths}
     joined = _currents([pair.net for pair in pairs], {pair.net.path: pair for pair in pairs})
@@ -231,9 +239,21 @@ def _currents(series: list[Series], pairs: Mapping[str, BothWays]) -> list[Score
         if both:
             why.append("has both signs")
         if pair is not None:
-            why.append(f"{pair.paths[0]} and {pair.paths[1]} are its two directions: they never flow at once")
+            why += _of_two(pair)
         found.append(Scored(s, factor, 0.0, float(score), why, unit, pair))
     return found
+
+
+def _of_two(pair: BothWays) -> list[str]:
+    """Say why two signals are the directions of one current."""
+    why = [f"{pair.paths[0]} and {pair.paths[1]} are its two directions: they never flow at once"]
+    if pair.confirmed is not None:
+        falls, rises = (1e3 * r for r in pair.confirmed)
+        why.append(
+            f"their names do not say so, but the voltage falls with the first by {falls:.3g} mV/A and rises with the "
+            f"second by {rises:.3g} mV/A"
+        )
+    return why
 
 
 @dataclass(frozen=True, slots=True)

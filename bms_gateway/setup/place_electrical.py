@@ -49,11 +49,17 @@ def place_current(
     info = c.series.info
     one_way = c.both_ways is None and c.series.low * c.factor >= 0 and info.raw_limits[0] >= 0 and info.offset == 0
     called = one_way and has(named(info), DISCHARGE) != has(named(info), CHARGING)
-    if one_way:
+    if one_way and c.maybe_other is not None:
+        why.append(
+            f"it never goes below 0: {c.maybe_other} may be the current in the other direction, as the two never flow "
+            f"at once, but nothing confirms it; both together: current.discharge and current.charge in gateway.toml"
+        )
+    elif one_way:
         why.append("it never goes below 0: current in the other direction is not measured")
     if called:
         why.append("its name says one direction: look for the signal of the other")
     sure = c.unit is not None and c.score > 3.5 and e.lead > CLEAR and not c.series.constant and not called
+    sure = sure and not (one_way and c.maybe_other) and not (c.both_ways is not None and c.both_ways.confirmed)
     moves = np.ptp(c.values) >= LEAST_A
     if not moves:
         why.append(f"it moves by less than {LEAST_A:g} A in this log")
@@ -104,6 +110,7 @@ def place_voltage(
     p = Proposed("voltage", e.voltage.series, e.voltage.factor, 0.0, sure=sure, why=list(e.voltage.why))
     if not adds and proposal.series_cells > 1:
         known = not cells and not e.cells_of
+        proposal.series_guessed |= not known
         told = _series_told(proposal.series_cells, e.voltage.middle, middle, e, bool(cells))
         p.why.append(told)
         if not known and not any("cells in series is a guess" in r for r in proposal.remarks):

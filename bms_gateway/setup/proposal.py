@@ -95,6 +95,8 @@ class Proposal:
         Cells of each string.
     series_cells : int or None
         Cells in series of the whole pack; None if unknown.
+    series_guessed : bool
+        No voltages of cells show this number: it rests on the usual voltage of a cell.
     resistance : float or None
         Resistance of the pack, Ω, from the steps of its voltage and current.
     heat_resistance : float or None
@@ -112,6 +114,7 @@ class Proposal:
     unused: list[tuple[str, str]] = field(default_factory=list)
     cells: list[int] = field(default_factory=list)
     series_cells: int | None = None
+    series_guessed: bool = False
     resistance: float | None = None
     heat_resistance: float | None = None
     against_cell: list[str] = field(default_factory=list)

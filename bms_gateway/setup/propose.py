@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bms_gateway.frames.own_dbc import MAX_CELLS
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.setup.bit_contradictions import range_of
+from bms_gateway.setup.cell_numbers import MOST_EACH
 from bms_gateway.setup.find_charge import charges, sign_by_charge
 from bms_gateway.setup.find_electrical import (
     ADDS_UP,
@@ -276,7 +277,7 @@ def _surfaces(
 def _by_name(members: list[Member], volted: int) -> int | None:
     """Count the cells if the names number them with gaps and as many voltages confirm the count."""
     numbers = [m.number for m in members]
-    gaps = len(numbers) < volted <= min(MAX_CELLS, 1.5 * len(numbers))
+    gaps = len(numbers) < volted <= min(MAX_CELLS, MOST_EACH * len(numbers))
     return (
         volted if gaps and len(set(numbers)) == len(numbers) and 1 <= min(numbers) <= max(numbers) <= volted else None
     )

@@ -59,7 +59,7 @@ def missing(proposal: Proposal, traffic: Traffic) -> str | None:
         lost = "a temperature of cells"
     if lost is None:
         return None
-    where = "correct the DBC where the notes say it is wrong" if traffic.faulty else "is it in another DBC or log?"
+    where = "correct the DBC where the notes say it is wrong" if traffic.corrected else "is it in another DBC or log?"
     return f"no signal is {lost}: nothing was written; {where}"
 
 

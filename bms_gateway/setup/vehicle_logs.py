@@ -43,11 +43,11 @@ class Traffic:
     frames : FrameBatch
     messages : dict of name to MessageInfo
         Only those seen; if the source address of J1939 differs, with the identifier that was seen.
-    strict : bool
-        Whether a config may name the DBC files: they are sound and have the addresses of this bus. Otherwise the needed
-        part is written as a new file.
-    faulty : bool
-        Whether a DBC file is wrong; the remarks say how.
+    corrected : list of str
+        Faults of the DBC files that were corrected: the needed part is written as a new file. If there are none, a
+        config may name the DBC files.
+    readdressed : dict of message to str
+        Why a config that names the DBC files may read a parameter group of J1939 from another address.
     remarks : list of str
         Faults of logs and DBC files, one sentence each.
     unknown : dict of int to int
@@ -59,8 +59,8 @@ class Traffic:
 
     frames: FrameBatch
     messages: dict[str, MessageInfo]
-    strict: bool = True
-    faulty: bool = False
+    corrected: list[str] = field(default_factory=list)
+    readdressed: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     unknown: dict[int, int] = field(default_factory=dict)
     own: bool = False
@@ -94,29 +94,25 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
     if not len(frames):
         raise DataError(f"{', '.join(str(p) for p in logs)}: no data frames in there")
     messages: list[MessageInfo] = []
-    sound = True
+    corrected: list[str] = []
     ours_whole = read_dbc(OWN_DBC, own_dbc_text())
     own_ids = {m.name: m.can_id for m in ours_whole}
     foreign: list[Path] = []
     for file in dbc:
-        found, whole = _read(file, remarks)
+        found = _read(file, remarks, corrected)
         if found and all(own_ids.get(m.name) == m.can_id for m in found):
             continue  # our own DBC, which every config has
         foreign.append(file)
         messages += found
-        sound &= whole
     ids, counts = np.unique(frames.can_id, return_counts=True)
     seen = dict(zip(ids.tolist(), counts.tolist(), strict=True))
-    chosen, once = _among(messages, seen, remarks)
+    chosen, readdressed = _among(messages, seen, remarks, corrected)
     remarks += [
         f"{m.database}: {m.name}.{s.name} has a scale of zero, so that it always says {s.offset:g}: correct the DBC"
         for m in chosen.values()
         for s in m.signals.values()
         if s.scale == 0.0
     ][:MOST_SCALES]
-    sound &= once
-    as_told = {m.can_id for m in messages}
-    strict = sound and all(m.can_id in as_told for m in chosen.values())
     own = {m.can_id: m for m in ours_whole if m.name in _OWN_INPUTS}
     ours = {i: m for i, m in own.items() if i in seen and i not in {c.can_id for c in chosen.values()}}
     is_own = len(ours) >= 3 and not chosen
@@ -124,7 +120,7 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
         chosen = {m.name: m for m in ours.values()}
     known = {m.can_id for m in chosen.values()}
     unknown = {i: n for i, n in seen.items() if i not in known}
-    traffic = Traffic(frames, chosen, strict, not sound, remarks, unknown, is_own, tuple(foreign))
+    traffic = Traffic(frames, chosen, corrected, readdressed, remarks, unknown, is_own, tuple(foreign))
     if why := _useless(traffic):
         wrong = "".join(f" ({r})" for r in remarks if WRONG in r)
         raise DataError(f"{', '.join(str(p) for p in logs)}: {why}{wrong}; record a drive of some minutes")
@@ -189,30 +185,32 @@ def _useless(traffic: Traffic) -> str | None:
     return f"no bit of {what} of {of_ids} changes in {traffic.seconds:.0f} s"
 
 
-def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
+def _read(file: Path, remarks: list[str], corrected: list[str]) -> list[MessageInfo]:
     text = dbc_text(file)
     try:
-        return read_dbc(str(file), text), True
+        return read_dbc(str(file), text)
     except ConfigError as e:
         with bounded(str(file)):
             found = parse_lenient(str(file), text)
         if found is None:
             raise
         remarks.append(f"{e}. It was read in spite of that; what is needed of it is written anew")
-        return found, False
+        corrected.append(str(e))
+        return found
 
 
 def _among(
-    messages: list[MessageInfo], seen: dict[int, int], remarks: list[str]
-) -> tuple[dict[str, MessageInfo], bool]:
-    """Give the messages seen (of J1939 at the identifier seen), and whether each is defined only once."""
+    messages: list[MessageInfo], seen: dict[int, int], remarks: list[str], corrected: list[str]
+) -> tuple[dict[str, MessageInfo], dict[str, str]]:
+    """Give the messages seen (of J1939 at the identifier seen), and why some need this identifier in the DBC."""
     chosen: dict[str, MessageInfo] = {}
-    sound, by_id = True, {m.can_id: m for m in messages}
+    readdressed: dict[str, str] = {}
+    by_id = {m.can_id: m for m in messages}
     for m in messages:
         if m.can_id in seen:
             if by_id[m.can_id] is not m or m.name in chosen:
-                sound = False
-                remarks.append(f"{m.database}: message {m.name} is in the DBC files twice; the last one was taken")
+                corrected.append(f"{m.database}: message {m.name} is in the DBC files twice; the last one was taken")
+                remarks.append(corrected[-1])
             chosen[m.name] = m
     groups: dict[int, list[int]] = {}
     for i in seen:
@@ -229,6 +227,7 @@ def _among(
             unmarked.setdefault(m.database, []).append((m.name, there[0] & 0xFF))
         if there and m.any_sender:
             chosen[m.name] = _at(m, there[0])
+            readdressed |= _readdressed(m, there, known[group])
             more = ", ".join(f"0x{i & 0xFF:02X}" for i in there[1:])
             others = f" (and from {more}: `[bus] source_address` in gateway.toml chooses)" if more else ""
             remarks.append(
@@ -238,7 +237,15 @@ def _among(
     at_home = Counter(m.database for m in chosen.values() if m.can_id & EXTENDED)
     # if most identifiers match the DBC, the last byte of the others is no address either
     remarks += [_unmarked(file, names) for file, names in unmarked.items() if len(names) > at_home[file]]
-    return chosen, sound
+    return chosen, readdressed
+
+
+def _readdressed(m: MessageInfo, there: list[int], known: int) -> dict[str, str]:
+    """Say why a config that names the DBC may read another address than the first of these; empty if it does not."""
+    if len(there) == 1 and known == 1:
+        return {}
+    why = f"{len(there)} addresses send it" if len(there) > 1 else "the DBC defines it for other addresses"
+    return {m.name: f"{m.name} is read from address 0x{there[0] & 0xFF:02X}, and {why}"}
 
 
 def _unmarked(file: str, elsewhere: list[tuple[str, int]]) -> str:

@@ -100,7 +100,7 @@ def write_setup(
     files = []
     names: list[str] = []
     if not traffic.own:
-        names, more = _dbc(proposal, traffic, out)
+        names, more = _dbc(proposal, traffic, out, notes)
         files += more
     told_first = left_out(proposal)
     notes += [told_first] if told_first is not None else []
@@ -142,12 +142,19 @@ def _numbering(proposal: Proposal) -> list[str]:
     return found[:MOST_SHOWN] + ([f"… and of {more} more strings; gateway.toml lists all"] if more > 0 else [])
 
 
-def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], list[Path]]:
-    if traffic.strict and traffic.dbc:
+def _dbc(proposal: Proposal, traffic: Traffic, out: Path, notes: list[str]) -> tuple[list[str], list[Path]]:
+    """Name the DBC files; only if something of them had to be changed, write the needed part anew, and say why."""
+    used = [half.series.info for p in proposal.signals for half in p.single]
+    changed = [traffic.readdressed[m] for m in dict.fromkeys(s.message for s in used) if m in traffic.readdressed]
+    why = [*traffic.corrected, *changed]
+    if not why:
         return [os.path.relpath(p, out) for p in traffic.dbc], []
     path = out / "vehicle.dbc"
-    comment = "The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init."
-    used = [half.series.info for p in proposal.signals for half in p.single]
+    told = f"{why[0]}; and {len(why) - 1} more" if len(why) > 1 else why[0]
+    notes.append(f"{path.name} is a copy of the part of the DBC that gateway.toml needs, because of this: {told}")
+    comment = (
+        f"The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init because of this: {told}"
+    )
     infos = [traffic.messages[info.message].signals[info.name] for info in used]
     with whole_text(path) as file:
         file.write(format_dbc(traffic.messages.values(), infos, comment))
@@ -400,7 +407,8 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         lines.append(f"coolant_inlet = {{ constant_C = {around.value_C:.1f} }}  # (?) the bus has none: {what}")
     voltage = next(proposal.of("voltage", string), None)
     if voltage is not None and (voltage.string == string or proposal.series_cells):
-        lines += _line("voltage", voltage, share(proposal, cells))
+        part = share(proposal, cells)
+        lines += _line("voltage", voltage, part, guessed=part != 1.0 and proposal.series_guessed)
     for role in (q for q in WHOLE if not INPUTS[q].electrical and not INPUTS[q].needed):
         found = next(proposal.of(role, string), None)
         if found is not None:
@@ -451,8 +459,8 @@ def _cell(p: Proposed, cells: int) -> int:
     return stand_in(kind, range(1, cells + 1))
 
 
-def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]:
-    """One key of the config with its reasons, short."""
+def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1, *, guessed: bool = False) -> list[str]:
+    """One key of the config with its reasons, short; `guessed`: a sure signal whose scale is a guess."""
     scale, offset = p.written
     fields = [f'{p.statistic}_of = "1-{cells}"'] if p.role == "surface" and p.index is None else []
     fields += [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
@@ -468,7 +476,7 @@ def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]
         fields.append(f"{name} = {text}")
     value = json.dumps(p.path, ensure_ascii=False) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
     low, high = p.observed
-    comment = f"{'' if p.sure else '(?) '}{low:.4g} … {high:.4g} {INPUTS[p.role].unit}".rstrip()
+    comment = f"{'' if p.sure and not guessed else '(?) '}{low:.4g} … {high:.4g} {INPUTS[p.role].unit}".rstrip()
     if part != 1.0:
         comment += " of the pack; the share of this string's cells" if p.string is None else " of the string; the "
         comment += "share of the cells with a thermocouple" if p.string is not None else ""

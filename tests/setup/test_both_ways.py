@@ -145,3 +145,47 @@ def test_each_string_has_its_own_pair(tmp_path) -> None:
     vehicle = Vehicle("two_strings", "\n".join(lines), v, {"String1_Temps": 1.0, "String2_Temps": 1.0}, {})
     found = {p.string: [half.path for half in p.single] for p in proposed(vehicle, tmp_path).of("current")}
     assert found == {k: [f"String{k}.DischCurr", f"String{k}.ChrgCurr"] for k in (1, 2)}
+
+
+DATA_NAMES = ("DrawAmps", "RegenAmps")
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_pair_without_words_for_its_directions_is_found_by_the_data_and_is_likely(apart: bool, tmp_path) -> None:
+    vehicle, d = two_ways(DATA_NAMES, apart=apart)
+    p = next(proposed(vehicle, tmp_path).of("current"))
+    assert [(half.way, half.series.info.name) for half in p.single] == [
+        ("discharge", DATA_NAMES[0]), ("charge", DATA_NAMES[1])]  # fmt: skip
+    assert not p.sure
+    assert p.observed[0] == pytest.approx(d.current.min(), abs=0.2)
+    assert p.observed[1] == pytest.approx(d.current.max(), abs=0.2)
+    assert any("the voltage falls with the first" in why for why in p.why)
+    assert not any("not measured" in why for why in p.why)
+
+
+def test_the_data_say_which_of_the_two_is_the_discharge(tmp_path) -> None:
+    vehicle, _ = two_ways(("AmpsA", "AmpsB"), turned=True)
+    p = next(proposed(vehicle, tmp_path).of("current"))
+    assert [(half.way, half.series.info.name) for half in p.single] == [("discharge", "AmpsB"), ("charge", "AmpsA")]
+    assert not any("exchanged" in why for why in p.why)
+
+
+def test_a_second_signal_that_nothing_confirms_is_named(tmp_path) -> None:
+    """The voltage stands still: it may be the other direction, and the first must not be called the only one."""
+    vehicle, _ = two_ways(DATA_NAMES)
+    vehicle.values["Hv1.BattVolt"] = np.full(N, 350.0)
+    p = next(proposed(vehicle, tmp_path).of("current"))
+    other = ({f"Hv1.{name}" for name in DATA_NAMES} - {p.path}).pop()
+    assert not p.sure
+    assert not any("not measured" in why for why in p.why)
+    assert any(f"{other} may be the current in the other direction" in why for why in p.why)
+
+
+@pytest.mark.parametrize("second", ["at once", "another resistance", "small"])
+def test_two_currents_that_are_no_pair_are_not_joined(second: str, tmp_path) -> None:
+    vehicle, d = two_ways(DATA_NAMES)
+    flow = np.maximum(-d.current, 0.0)
+    made = {"at once": np.abs(d.current), "another resistance": 5.0 * flow, "small": 0.01 * np.abs(d.current) + 0.3}
+    vehicle.values["Hv1.RegenAmps"] = made[second]
+    p = next(proposed(vehicle, tmp_path).of("current"))
+    assert not p.halves

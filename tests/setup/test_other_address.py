@@ -72,3 +72,44 @@ def test_every_address_of_a_group_is_named(tmp_path, capsys) -> None:
     log.write_text("".join(sorted([*lines, *second], key=lambda line: float(line[1 : line.index(")")]))))
     _, said = init(log, dbc, tmp_path / "v", capsys)
     assert "comes from address 0x56 (and from 0x27: `[bus] source_address` in gateway.toml chooses)" in said.err
+
+
+def of_another_sender(log, folder):
+    other = folder / "other.log"
+    other.write_text(log.read_text().replace("18F1D056#", "18F1D027#").replace("18F1D256#", "18F1D227#"))
+    return other
+
+
+def test_a_sound_dbc_is_named_itself_so_that_any_sender_is_read(tmp_path, capsys) -> None:
+    log, dbc = write(truck(), tmp_path)
+    status, said = init(log, dbc, tmp_path / "v", capsys)
+    assert status == 0
+    assert 'dbc = ["../truck.dbc"]' in (tmp_path / "v" / "gateway.toml").read_text()
+    assert not (tmp_path / "v" / "vehicle.dbc").exists()
+    assert "is a copy" not in said.err
+    assert main(["check", str(tmp_path / "v" / "gateway.toml"), "--log", str(of_another_sender(log, tmp_path))]) == 0
+
+
+def test_the_copy_of_a_faulty_dbc_keeps_the_mark_of_j1939_and_says_why_it_is_a_copy(tmp_path, capsys) -> None:
+    log, dbc = write(truck(), tmp_path)
+    inside = ' SG_ Torn : 8|16@1+ (1,0) [0|0] "" B'
+    dbc.write_text(dbc.read_text().replace(" SG_ HVESS_SOC", f"{inside}\n SG_ HVESS_SOC"))
+    status, said = init(log, dbc, tmp_path / "v", capsys)
+    assert status == 0
+    config = tmp_path / "v" / "gateway.toml"
+    assert 'dbc = ["vehicle.dbc"]' in config.read_text()
+    (why,) = (line for line in said.err.splitlines() if "vehicle.dbc is a copy of the part of the DBC" in line)
+    assert "because of this" in why
+    assert "Torn" in why
+    assert 'BA_ "VFrameFormat" BO_ 2565984342 3;' in (config.parent / "vehicle.dbc").read_text()
+    assert main(["check", str(config), "--log", str(of_another_sender(log, tmp_path))]) == 0
+
+
+def test_of_several_senders_the_one_that_was_read_is_named_in_a_copy(tmp_path, capsys) -> None:
+    log, dbc = write(truck(), tmp_path)
+    lines = log.read_text().splitlines(True)
+    second = [line.replace("18F1D056#", "18F1D027#") for line in lines if "18F1D056#" in line][::2]
+    log.write_text("".join(sorted([*lines, *second], key=lambda line: float(line[1 : line.index(")")]))))
+    status, said = init(log, dbc, tmp_path / "v", capsys)
+    assert status == 0
+    assert "because of this: HVESS_Data is read from address 0x56, and 2 addresses send it" in said.err

@@ -65,3 +65,51 @@ def test_several_dead_channels_are_counted(tmp_path, capsys) -> None:
 def test_where_all_channels_measure_nothing_is_said_of_them(tmp_path, capsys) -> None:
     lines, config = said(german(), tmp_path, capsys)
     assert not any("left out (" in text for text in (*lines, config))
+
+
+def volted(cells: int, temperatures: dict[str, np.ndarray]):
+    """A vehicle whose cells have voltages that add up to that of the pack."""
+    d = drive(8)
+    vehicle = plain(temperatures, "16@1- (0.1,0)", "degC")
+    for k in range(cells):
+        vehicle.dbc += f'\nBO_ {700 + k} Volt{k + 1}: 8 B\n SG_ CellVoltage{k + 1:02d} : 0|16@1+ (0.001,0) [0|0] "V" B'
+        vehicle.values[f"Volt{k + 1}.CellVoltage{k + 1:02d}"] = d.cell_voltage[:, k]
+    vehicle.values["Elec.PackVoltage"] = d.cell_voltage[:, :cells].sum(axis=1)
+    return vehicle
+
+
+def test_where_the_cells_are_counted_the_true_reason_for_the_numbers_is_told(tmp_path, capsys) -> None:
+    """It was said that nothing confirms how many cells there are, above 14 voltages that add up to the pack's."""
+    temperatures = {f"CellTemp{k:02d}": drive(8).surface[:, k % 8] for k in (1, 3, 5, 7, 9, 11, 13)}
+    temperatures["CellTemp13"] = np.full(4000, -40.0)
+    lines, config = said(volted(14, temperatures), tmp_path, capsys)
+    assert any("the 14 cell voltages add up to it" in line for line in lines)
+    assert not any("nothing confirms how many cells" in text for text in (*lines, config))
+    assert "6 thermocouples are too few for a model of all 14 cells that have a voltage, so the cells" in config
+
+
+def test_numbers_beyond_the_counted_cells_are_told(tmp_path, capsys) -> None:
+    temperatures = {f"CellTemp{k:02d}": drive(8).surface[:, k % 8] for k in (1, 3, 5, 7, 9)}
+    temperatures["CellTemp05"] = np.full(4000, -40.0)
+    _, config = said(volted(6, temperatures), tmp_path, capsys)
+    assert "the numbers in the names do not fit those of the 6 cell voltages, so the cells" in config
+
+
+def voltage_line(config: str) -> str:
+    (line,) = (line for line in config.splitlines() if line.startswith("voltage = "))
+    return line
+
+
+def test_a_voltage_whose_scale_rests_on_a_guessed_count_of_cells_is_marked(tmp_path, capsys) -> None:
+    temperatures = {f"CellTemp{k + 1}": drive(8).surface[:, k] for k in range(8)}
+    lines, config = said(plain(temperatures, "16@1- (0.1,0)", "degC"), tmp_path, capsys)
+    assert any("cells in series" in line for line in lines)
+    assert "scale = " in voltage_line(config)
+    assert "# (?) " in voltage_line(config)
+
+
+def test_a_voltage_that_the_cells_add_up_to_is_not_marked(tmp_path, capsys) -> None:
+    temperatures = {f"CellTemp{k + 1}": drive(8).surface[:, k] for k in range(8)}
+    _, config = said(volted(14, temperatures), tmp_path, capsys)
+    assert "scale = 0.571429" in voltage_line(config)
+    assert "(?)" not in voltage_line(config)

@@ -40,6 +40,35 @@ _OLD = LOG.replace("can0", "").replace("(", "").replace(")", "")
 _YAML = "bus:\n  channel: can0\n"
 
 NEWCOMERS: tuple[Case, ...] = (
+    Case("newcomer: a log as the config", "check drive.log", ("drive.log", "is a candump log, not a gateway config")),
+    Case(
+        "newcomer: a dbc as the config",
+        "analyze drive.log --config vehicle.dbc --out r",
+        ("vehicle.dbc", "is a DBC, not a gateway config"),
+    ),
+    Case(
+        "newcomer: a dbc as the model",
+        "compare bench.csv --model vehicle.dbc",
+        ("vehicle.dbc", "is a DBC, not a model file"),
+    ),
+    Case(
+        "newcomer: a packed log as the config",
+        "check packed.toml",
+        ("packed.toml", "is gzip data, not a gateway config"),
+        {"packed.toml": b"\x1f\x8b\x08\x00\xff\xfe"},
+    ),
+    Case(
+        "newcomer: a long log as the model",
+        "compare bench.csv --model long.log",
+        ("long.log", "is a candump log, not a model file"),
+        {"long.log": LOG * 1200},
+    ),
+    _config("an empty list of DBCs", 'dbc = ["vehicle.dbc"]', "dbc = []", "bus.dbc names no file", "'Pack'"),
+    Case(
+        "newcomer: a fleet of no log",
+        "fleet nix.log drivee.log --config gateway.toml --out fl",
+        ("no such log: nix.log",),
+    ),
     _config("a discharge without its charge", _CURRENT, _OUT, "current", "charge"),
     _config(
         "one signal for both directions",
