@@ -11,7 +11,7 @@ from typing import Any
 
 from bms_gateway.errors import StateError, signed
 from bms_gateway.health.flag import Flag, Thresholds
-from bms_gateway.health.limits import BAND_SD
+from bms_gateway.health.limit_words import BAND_SD
 
 # Each `fall` is 3 or 4 points below its `rise`, so that the scatter of windows does not switch the flag on and off.
 GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=3)

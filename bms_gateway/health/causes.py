@@ -13,7 +13,7 @@ import numpy as np
 from bms_gateway.errors import StateError, signed
 from bms_gateway.health.ageing import stored_level
 from bms_gateway.health.flag import Flag, Thresholds
-from bms_gateway.health.limits import BAND_SD
+from bms_gateway.health.limit_words import BAND_SD
 from bms_gateway.health.trend import CONFIRM, J, Kind, Trend, U
 from bms_gateway.thermal import Floats
 

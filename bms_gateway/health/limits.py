@@ -16,7 +16,6 @@ for `LOST_S`. This alarm stays until a person acknowledges it, or until the sens
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.health.alerts import Condition, Severity
+from bms_gateway.health.limit_words import banded, beside, clock, trend
 from bms_gateway.thermal import Floats
 
 Bools = NDArray[np.bool_]
@@ -43,14 +43,12 @@ REBOUND_K: Final = 5.0  # a sensor that fell, and then rises by so much, touches
 UNSEEN_S: Final = 10.0  # a cell without a reading for longer counts as unseen: one or two readings may be missing
 SEEN_S: Final = 60.0  # a cell that was unseen counts as seen after so long: a loose contact makes one report, not ten
 OLDER: Final = {"_high": "last", "_high_s": "last_s"}  # names that states of older versions have instead
-NAMED: Final = 6
 MOST: Final = {
     "over": 1.0, "last": 1e4, "last_s": 1e10, "_slow": 1e4, "_high": 1e4, "_high_s": 1e10, "fallen": 1.0, "_low": 1e4,
 }  # fmt: skip
 """Greatest magnitude that each value of a stored state may have, °C and s since 1970."""
 UNKNOWN_SD_K: Final = 2.0 * AVAILABLE_SD_K
 """Sd of an estimate above which no value is told unless it is over the limit with this sd subtracted."""
-BAND_SD: Final = 1.96  # half width of the band that is told: 95 %, as on the page and in the reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,7 +366,7 @@ class Limits:
         end = f"no hottest point is over the limit of {self.core.limit:g} °C any more"
         value, sd, core = (float(x[at]) for x in self._points[:3])
         if sd <= AVAILABLE_SD_K:
-            return f"hottest point of cell {cell} is {_banded(value, sd, core)}: {end}"
+            return f"hottest point of cell {cell} is {banded(value, sd, core)}: {end}"
         return f"hottest point of cell {cell} was seen below it and is not known to {AVAILABLE_SD_K:g} K now: {end}"
 
     def conditions(self) -> Iterator[Condition]:
@@ -398,7 +396,7 @@ class Limits:
         elif np.isfinite(self._points.value[at]):
             p = self._points
             value, sd, core = (float(x[at]) for x in p[:3])
-            now = f" is {_banded(value, sd, core)}"
+            now = f" is {banded(value, sd, core)}"
             if sd > UNKNOWN_SD_K and value - sd < limit.limit:  # a number would say nothing
                 now = f": not known now, {self._last(limit, at)}"
             elif sd > AVAILABLE_SD_K:  # a symmetric band would reach below all that is possible
@@ -407,8 +405,10 @@ class Limits:
                 now += ", was above the limit and is not known to be below it again"
         else:
             now = f" was {limit.last[at]:.1f} °C"
-        others = [int(k) - part.start + 1 for k in over if k != at]
-        more = f"; {_cells(others)} too" if others else ""
+        others = over[over != at]
+        known = np.isfinite(self._points.value) & (limit is self.core)
+        hot = np.where(known, self._points.value, limit.last)[others] >= limit.limit
+        more = beside(*((others[x] - part.start + 1).tolist() for x in (hot, ~hot)))
         text = (
             f"{what} of cell {cell}{now}, the limit is {limit.limit:g} °C{more}: lower the current or cool the string"
         )
@@ -421,8 +421,8 @@ class Limits:
     def _lost(self, name: str, cell: int, at: int) -> Condition:
         last, last_s, rate, _ = self._loss[:, at].tolist()
         text = (
-            f"thermocouple of cell {cell} failed while its cell heated: last {last:.0f} °C{_trend(rate)} at "
-            f"{_clock(last_s)}: take it for hot; stop, cool the string, look at it, then acknowledge"
+            f"thermocouple of cell {cell} failed while its cell heated: last {last:.0f} °C{trend(rate)} at "
+            f"{clock(last_s)}: take it for hot; stop, cool the string, look at it, then acknowledge"
         )
         return Condition("lost_in_heat", Severity.ALARM, text, name, cell, settled=True, urgent=True)
 
@@ -439,7 +439,7 @@ class Limits:
                 why = "it has fallen faster than a cell cools"
             if why:
                 since_s = self._now_s - limit.last_s[at]
-                before = f"{limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}, {since_s:.0f} s ago"
+                before = f"{limit.last[at]:.0f} °C{trend(float(limit.rate[at]))}, {since_s:.0f} s ago"
                 return f", which is not believed, because {why} (last believed: {before})"
         if limit.last[at] < limit.limit:
             return f", was above the limit and is not known to be {COOLER_K:g} K below it"
@@ -447,7 +447,7 @@ class Limits:
 
     def _last(self, limit: Limit, at: int) -> str:
         since_s = self._now_s - limit.last_s[at]
-        told = f"last {limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}"
+        told = f"last {limit.last[at]:.0f} °C{trend(float(limit.rate[at]))}"
         if limit is self.core:
             return f"{told}, not known since {since_s:.0f} s"
         unread_s = self._now_s - max(float(self._read_s[at]), float(limit.last_s[at]))
@@ -476,22 +476,3 @@ class Limits:
         if not (np.abs(values[np.isfinite(values)]) <= MOST["last_s"]).all():
             raise ValueError("loss of a limit's state is out of all bounds")
         self._loss[:, part] = values
-
-
-def _cells(of: Sequence[int]) -> str:
-    named = ", ".join(map(str, of[:NAMED])) + (f" and {len(of) - NAMED} more" if len(of) > NAMED else "")
-    return f"cell{'s' if len(of) > 1 else ''} {named}"
-
-
-def _banded(value: float, sd: float, core: float) -> str:
-    return f"{value:.1f} ± {BAND_SD * sd:.1f} °C (95 %; core {core:.1f} °C)"
-
-
-def _trend(rate: float) -> str:
-    per_min = 60.0 * rate
-    return f", {'rising' if per_min > 0 else 'falling'} {abs(per_min):.1f} K/min" if abs(per_min) >= 0.1 else ""
-
-
-def _clock(time_s: float) -> str:
-    """Bus time as a person reads it."""
-    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if np.isfinite(time_s) else "a time unknown"

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.health.limits import BAND_SD
+from bms_gateway.health.limit_words import BAND_SD
 from bms_gateway.thermal import Floats
 
 HOUR_S = 3600.0

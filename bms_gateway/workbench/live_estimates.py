@@ -22,7 +22,7 @@ from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
-from bms_gateway.health.limits import BAND_SD
+from bms_gateway.health.limit_words import BAND_SD
 from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 from bms_gateway.workbench.incidents import Events, alerts_now

@@ -45,6 +45,18 @@ def test_a_cell_that_becomes_unknown_keeps_its_alarm_and_what_was_last_known_of_
     assert found == {}
 
 
+def test_a_cell_that_is_below_the_limit_again_is_not_called_too_hot_with_the_others():
+    # Bug: "the limit is 42 °C; cells 1, 2 too" of cells at 41.8 °C, whose alarms only were not over yet.
+    at = limits(4)
+    step(at, 0, [84.0, 83.0, 82.0, 30.0])
+    found = step(at, 1, [84.0, 83.0, 79.9, 30.0])
+    for name in ("core", "surface"):
+        assert "; cell 2 too; cell 3 was above it and is not known to be below it again: lower" in found[name].text
+    found = step(at, 2, [84.0, 79.9, 79.9, 30.0])
+    assert " too" not in found["core"].text
+    assert "; cells 2, 3 were above it and are not known to be below it again: lower" in found["core"].text
+
+
 def test_a_hottest_point_that_is_hardly_known_is_told_without_a_band_that_reaches_below_what_is_possible():
     # Bug: "hottest point of cell 6 is 203.6 ± 2473.9 °C" in a fire.
     found = step(limits(1), 0, [90.0], [1500.0], sd=700.0)

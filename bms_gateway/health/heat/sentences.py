@@ -6,7 +6,7 @@ import numpy as np
 
 from bms_gateway.errors import signed
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
-from bms_gateway.health.limits import BAND_SD
+from bms_gateway.health.limit_words import BAND_SD
 from bms_gateway.thermal import Floats
 
 if TYPE_CHECKING:
