@@ -124,7 +124,8 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     if string not in strings:  # the request may come from another machine: no path is made from it
         raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     settled = settle(proposal, traffic, folder, cell=cell, logs=logs)
-    said = [*proposal.remarks, *settled.written.notes]
+    of_others = (*(f"{s}: " for s in strings if s != string), "… and of ")
+    said = [*proposal.remarks, *(told for told in settled.written.notes if not told.startswith(of_others))]
     if cell is None:
         said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
     mine = strings.index(string) + 1
