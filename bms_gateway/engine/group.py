@@ -24,7 +24,7 @@ from bms_gateway.thermal import Floats
 GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
-WARM_NS = 1_800_000_000_000
+WARM_NS = 1_800_000_000_000  # half an hour: a cell has then lost the heat that no current made
 LEFT = 2  # so many sound thermocouples tell better than with a wrong one what the cells have in common
 At = slice | NDArray[np.intp]
 T = TypeVar("T", bound=np.generic)

@@ -77,7 +77,7 @@ def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts |
     if _without_refused(proposal, uses):  # it is not a sensor
         written = write_setup(proposal, traffic, out, cell=cell, logs=logs)
         cores, uses, cut = _estimate(written.config, traffic)
-    notes = written.notes
+    notes = written.numbered + written.notes
     if cut:
         notes += (f"the cores are of the first {MOST_TICKS / 3600:g} h of the log: analyze takes all of it",)
     return Settled(written, cores, uses, notes)

@@ -75,11 +75,30 @@ KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The written files, and remarks for the user."""
+    """The written files, and remarks for the user.
+
+    Attributes
+    ----------
+    config : Path
+    files : tuple of Path
+        All of them.
+    notes : tuple of str
+        Remarks on all strings.
+    numbering : dict of int to str
+        By string, from 1: which channels its cells are, where the names have other numbers.
+    """
 
     config: Path
     files: tuple[Path, ...]
     notes: tuple[str, ...]
+    numbering: dict[int, str]
+
+    @property
+    def numbered(self) -> tuple[str, ...]:
+        """The numbering of the first strings; the config has it of all."""
+        more = len(self.numbering) - MOST_SHOWN
+        rest = (f"… and of {more} more strings; {self.config.name} lists all",) if more > 0 else ()
+        return (*list(self.numbering.values())[:MOST_SHOWN], *rest)
 
 
 def write_setup(
@@ -102,9 +121,10 @@ def write_setup(
     if not traffic.own:
         names, more = _dbc(proposal, traffic, out, notes)
         files += more
+    of_string = {k: renumbered(proposal, k) for k in range(1, len(proposal.cells) + 1)}
+    numbering = {k: told for k, told in of_string.items() if told is not None}
     told_first = left_out(proposal)
     notes += [told_first] if told_first is not None else []
-    notes += _numbering(proposal)
     notes += inlet_told(proposal)
     proposal.against_cell.clear()
     lumped, resistance = lump(proposal, cell, notes)
@@ -122,8 +142,8 @@ def write_setup(
         for string, cells in enumerate(proposal.cells, 1):
             path = out / f"string_{string}.toml"
             model = _model(proposal, string, cells, lumped, cell is not None, resistance)
-            heading = [_heading(lumped, cell is not None, resistance), renumbered(proposal, string)]
-            write_model(model, path, "\n".join(line for line in heading if line is not None))
+            heading = [_heading(lumped, cell is not None, resistance), *([x] if (x := numbering.get(string)) else [])]
+            write_model(model, path, "\n".join(heading))
             files.append(path)
             if cell is not None and (told := time_contradiction(proposal, string, model, cell.name)) is not None:
                 notes.append(told)
@@ -132,14 +152,7 @@ def write_setup(
             file.write(_config(proposal, names, list(logs)))
     except OSError as e:
         raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
-    return Written(config, (config, *files), tuple(notes))
-
-
-def _numbering(proposal: Proposal) -> list[str]:
-    """Say of the first strings which channels their cells are; the files say it of all."""
-    found = [x for k in range(1, len(proposal.cells) + 1) if (x := renumbered(proposal, k)) is not None]
-    more = len(found) - MOST_SHOWN
-    return found[:MOST_SHOWN] + ([f"… and of {more} more strings; gateway.toml lists all"] if more > 0 else [])
+    return Written(config, (config, *files), tuple(notes), numbering)
 
 
 def _dbc(proposal: Proposal, traffic: Traffic, out: Path, notes: list[str]) -> tuple[list[str], list[Path]]:

@@ -124,11 +124,11 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     if string not in strings:  # the request may come from another machine: no path is made from it
         raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     settled = settle(proposal, traffic, folder, cell=cell, logs=logs)
-    of_others = (*(f"{s}: " for s in strings if s != string), "… and of ")
-    said = [*proposal.remarks, *(told for told in settled.written.notes if not told.startswith(of_others))]
+    mine = strings.index(string) + 1
+    own = settled.written.numbering.get(mine)
+    said = [*proposal.remarks, *([own] if own else []), *settled.written.notes]
     if cell is None:
         said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
-    mine = strings.index(string) + 1
     said += (taken_for(p) for p in proposal.signals if p.string in (None, mine))
     model = settled.written.config.parent / f"{string}.toml"
     config, named = str(settled.written.config), files.get("model")

@@ -65,11 +65,16 @@ def test_another_address_is_not_called_a_fault_of_the_dbc(tmp_path, capsys) -> N
     assert "no signal is a temperature of cells: nothing was written; is it in another DBC or log?" in said.out
 
 
-def test_every_address_of_a_group_is_named(tmp_path, capsys) -> None:
-    log, dbc = write(truck(), tmp_path)
+def sent_twice(log) -> None:
+    """Let a second address send every other frame of a group too."""
     lines = log.read_text().splitlines(True)
     second = [line.replace("18F1D056#", "18F1D027#") for line in lines if "18F1D056#" in line][::2]
     log.write_text("".join(sorted([*lines, *second], key=lambda line: float(line[1 : line.index(")")]))))
+
+
+def test_every_address_of_a_group_is_named(tmp_path, capsys) -> None:
+    log, dbc = write(truck(), tmp_path)
+    sent_twice(log)
     _, said = init(log, dbc, tmp_path / "v", capsys)
     assert "comes from address 0x56 (and from 0x27: `[bus] source_address` in gateway.toml chooses)" in said.err
 
@@ -107,9 +112,7 @@ def test_the_copy_of_a_faulty_dbc_keeps_the_mark_of_j1939_and_says_why_it_is_a_c
 
 def test_of_several_senders_the_one_that_was_read_is_named_in_a_copy(tmp_path, capsys) -> None:
     log, dbc = write(truck(), tmp_path)
-    lines = log.read_text().splitlines(True)
-    second = [line.replace("18F1D056#", "18F1D027#") for line in lines if "18F1D056#" in line][::2]
-    log.write_text("".join(sorted([*lines, *second], key=lambda line: float(line[1 : line.index(")")]))))
+    sent_twice(log)
     status, said = init(log, dbc, tmp_path / "v", capsys)
     assert status == 0
     assert "because of this: HVESS_Data is read from address 0x56, and 2 addresses send it" in said.err

@@ -10,6 +10,13 @@ def seen_compared(page):
     page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
 
 
+def seen_diagnosed(page):
+    """Ask for a diagnosis, and wait for its verdict."""
+    page.click("#tab-diagnose")
+    page.click("#diagnose")
+    page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+
+
 def seen_added(page):
     """Add the effect that the pack hides, and wait until nothing is at work any more."""
     page.idle(FIT_S)

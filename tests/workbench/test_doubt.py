@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from bms_gateway.workbench.steps import TABLES, Frame, doubt_lines, remains, steps_of
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import FIT_S, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
 
@@ -108,9 +108,7 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
             ".map(d => d.fillpattern?.shape)"
         )
         assert page.run(hatched) == ["/", "/"]  # the bands of both steps
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
         page.idle()
         assert "Something unknown remains" in page.text("#doubt")
         desk = page.run("return JSON.parse(sessionStorage.workbench).desk")

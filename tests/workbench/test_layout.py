@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.page_steps import FIT_S, seen_added, seen_compared
+from tests.support.page_steps import FIT_S, seen_added, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
@@ -61,9 +61,7 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
         page = window(url)
         seen_compared(page)
         page.idle(FIT_S)
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
         seen_added(page)
         page.click("#tab-diagnose")
         page.click("#effect-0")

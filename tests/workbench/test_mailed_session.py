@@ -11,7 +11,7 @@ from bms_gateway.workbench.recall import recalled
 from bms_gateway.workbench.session import additions_of, diagnoses_of
 from bms_gateway.workbench.site import Site, session_files
 from tests.support.desk_steps import done, files
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import FIT_S, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
 
@@ -268,9 +268,7 @@ def test_a_mailed_session_opens_with_its_files_beside_it(window, pack, tmp_path)
         page = window(url)
         seen_compared(page)
         page.idle(FIT_S)
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
         page.idle(FIT_S)
         verdict, effects = page.text("#panel-diagnose .verdict"), page.text("#panel-diagnose .effects")
         tag, core = page.text("#panel-diagnose .tag"), page.text("#panel-diagnose .core")

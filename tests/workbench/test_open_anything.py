@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.config.model_file import read_model
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import FIT_S, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -241,9 +241,7 @@ def test_the_example_is_one_click_and_has_something_to_find(window, url, axe):
     page.click("#example")
     compared(page)
     assert faults(page, axe) == []
-    page.click("#tab-diagnose")
-    page.click("#diagnose")
-    page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+    seen_diagnosed(page)
     assert "entropic_heat" in page.text("#panel-diagnose .verdict")
 
 

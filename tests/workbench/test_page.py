@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.config.model_file import read_model
 from tests.store.ring import drove
-from tests.support.page_steps import ADDED, FIT_S, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -70,9 +70,7 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
         "const r = document.querySelector('#plot-' + p).layout.xaxis.range; return r[0] === 5 && r[1] === 10; })"
     )
 
-    page.click("#tab-diagnose")
-    page.click("#diagnose")
-    page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+    seen_diagnosed(page)
     assert page.text("#panel-diagnose .verdict").startswith("Missing: reversible (entropic) heat (entropic_heat)")
     assert page.text("#panel-diagnose .effects").startswith("Named\n\nBars: log-odds against leaving it out.")
     assert page.text("#add-named") == "Add reversible (entropic) heat (entropic_heat)"

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import FIT_S, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
 from tests.workbench.conftest import served
@@ -21,9 +21,7 @@ def test_of_a_model_that_lacked_nothing_it_is_not_said_that_something_may_remain
         page = window(url)
         seen_compared(page)
         page.idle(FIT_S)
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
         page.idle(FIT_S)
         tag, sentence = page.text("#panel-diagnose .tag"), page.text("#panel-diagnose .verdict")
         assert "Adequate" in tag

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tests.report.html_page import Page
-from tests.support.page_steps import ADDED, FIT_S, seen_added, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_added, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
 from tests.workbench.conftest import served
@@ -68,9 +68,7 @@ def test_the_link_opens_a_report_of_what_is_shown(window, tmp_path):
         page.idle(FIT_S)
         assert drawn(made(page, tmp_path / "third")) == ["refitted", ADDED]
         page.click("#step-0")
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
         page.idle(FIT_S)
         text = made(page, tmp_path / "fourth")
         assert "Which effect is the model missing?" in Page(text).text

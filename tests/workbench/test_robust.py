@@ -6,7 +6,7 @@ import pytest
 
 from bms_gateway.workbench.site import MOST_AWAKE, Site
 from tests.support.desk_steps import done, files
-from tests.support.page_steps import ADDED, FIT_S, seen_added, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_added, seen_compared, seen_diagnosed
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -54,9 +54,7 @@ def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path
         page.idle(FIT_S)
         assert page.text("#error-text") == ""
         assert page.run("return document.querySelectorAll('#variants .tick').length") == 3
-        page.click("#tab-diagnose")
-        page.click("#diagnose")
-        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_diagnosed(page)
 
 
 @pytest.mark.slow
@@ -95,9 +93,7 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path, of):
         seen_compared(page)
         page.idle(FIT_S)
         if of == "diagnosis":
-            page.click("#tab-diagnose")
-            page.click("#diagnose")
-            page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+            seen_diagnosed(page)
             page.idle(FIT_S)
         page.click("#tab-take")
         text = page.run(
