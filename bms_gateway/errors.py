@@ -16,6 +16,7 @@ is a value, not an exception.
 
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
+from pathlib import Path
 
 __all__ = [
     "BusError",
@@ -184,6 +185,18 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     # equally near ones keep their order
     nearest = sorted(known[:MOST_COMPARED], key=lambda x: -SequenceMatcher(None, word, x).ratio())[:NEAREST]
     return f"; of {len(known)} valid ones the nearest: {', '.join(nearest)}"
+
+
+def nearest_file(path: Path) -> str:
+    """Name the nearest file in the same folder, else the files of the same kind, as the end of an error line."""
+    try:
+        beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
+    except FileNotFoundError:
+        return f" (no such folder: {path.parent})"
+    except OSError:  # a folder that may not be looked into gives no advice
+        return ""
+    near = get_close_matches(path.name, beside, n=1)
+    return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])
 
 
 def _alike(a: str, b: str) -> int:

@@ -10,14 +10,13 @@ import re
 import select
 import stat
 import time
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
 from bms_gateway.config.read_bounds import READ_S
-from bms_gateway.errors import ConfigError, did_you_mean
+from bms_gateway.errors import ConfigError, nearest_file
 
-__all__ = ["WINDOWS", "decoded", "nearest_file", "read_bytes"]
+__all__ = ["WINDOWS", "decoded", "read_bytes"]
 
 PIECE: Final = 1 << 20
 WINDOWS: Final = "cp1252"
@@ -112,15 +111,3 @@ def _content(handle: int, most: int) -> bytes:
         parts.append(part)
         most -= len(part)
     return b"".join(parts)
-
-
-def nearest_file(path: Path) -> str:
-    """Name the nearest file in the same folder, else the files of the same kind, as the end of an error line."""
-    try:
-        beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
-    except FileNotFoundError:
-        return f" (no such folder: {path.parent})"
-    except OSError:  # a folder that may not be looked into gives no advice
-        return ""
-    near = get_close_matches(path.name, beside, n=1)
-    return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])

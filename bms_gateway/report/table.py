@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.record_inputs import Columns, all_along
-from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
+from bms_gateway.errors import DataError, UsageError, counted, did_you_mean, nearest_file
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.columns import INLET, Column, find_columns, is_refused, refused_in
 from bms_gateway.report.dates import DateForm, date_form
@@ -171,19 +171,11 @@ def open_table(path: Path) -> Iterator[Rows]:
         with open_it(path) as rows:
             yield rows
     except FileNotFoundError:
-        raise DataError(f"{path}: no such file{_nearest(path)}") from None
+        raise DataError(f"{path}: no such file{nearest_file(path)}") from None
     except EOFError:
         raise DataError(f"{path}: the gzip data are cut short or damaged") from None
     except OSError as e:
         raise DataError(f"{path}: cannot be read: {e.strerror or e}") from None
-
-
-def _nearest(path: Path) -> str:
-    """Return the nearest name in the same folder; empty if the folder may not be read."""
-    try:
-        return did_you_mean(path.name, [p.name for p in path.parent.iterdir()])
-    except OSError:
-        return ""
 
 
 def _read(

@@ -125,6 +125,10 @@ def test_a_missing_file_names_the_nearest(tmp_path):
     put(tmp_path, GOOD, "bench.csv")
     with pytest.raises(DataError, match=r"did you mean 'bench\.csv'"):
         read_table(tmp_path / "bensh.csv")
+    for k in range(15):
+        (tmp_path / f"folder{k}").mkdir()
+    with pytest.raises(DataError, match=r"x\.csv: no such file; valid: bench\.csv$"):  # a folder is no table
+        read_table(tmp_path / "x.csv")
 
 
 @pytest.mark.parametrize("content", [b"\x89PNG\xff\xfe", b"\x1f\x8b not gzip"])
