@@ -16,7 +16,6 @@ is a value, not an exception.
 
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
-from pathlib import Path
 
 __all__ = [
     "BusError",
@@ -187,16 +186,19 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     return f"; of {len(known)} valid ones the nearest: {', '.join(nearest)}"
 
 
-def nearest_file(path: Path) -> str:
-    """Name the nearest file in the same folder, else the files of the same kind, as the end of an error line."""
-    try:
-        beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
-    except FileNotFoundError:
-        return f" (no such folder: {path.parent})"
-    except OSError:  # a folder that may not be looked into gives no advice
-        return ""
-    near = get_close_matches(path.name, beside, n=1)
-    return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])
+def nearest_file(name: str, beside: Iterable[str]) -> str:
+    """Name the nearest of the files `beside` one that does not exist, else those of its kind, as `did_you_mean`.
+
+    Examples
+    --------
+    >>> nearest_file("bensh.csv", ["bench.csv", "cell.toml"])
+    "; did you mean 'bench.csv'?"
+    >>> nearest_file("x.csv", ["bench.csv", "cell.toml"])
+    '; valid: bench.csv'
+    """
+    files = sorted(beside)
+    near = get_close_matches(name, files, n=1)
+    return did_you_mean(name, near or [x for x in files if x.rpartition(".")[2] == name.rpartition(".")[2]])
 
 
 def _alike(a: str, b: str) -> int:

@@ -14,10 +14,11 @@ from bms_gateway.config.model_file import read_model
 from bms_gateway.config.overrides import put_right
 from bms_gateway.config.read_bounds import bounded
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
+from bms_gateway.config.text_file import nearest_file
 from bms_gateway.config.toml import MOST_SHOWN, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
-from bms_gateway.errors import ConfigError, clipped, counted, did_you_mean, nearest_file, whole_number
+from bms_gateway.errors import ConfigError, clipped, counted, did_you_mean, whole_number
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import sent_from

@@ -13,10 +13,11 @@ import time
 from pathlib import Path
 from typing import Final
 
+from bms_gateway import errors
 from bms_gateway.config.read_bounds import READ_S
-from bms_gateway.errors import ConfigError, nearest_file
+from bms_gateway.errors import ConfigError
 
-__all__ = ["WINDOWS", "decoded", "read_bytes"]
+__all__ = ["WINDOWS", "decoded", "nearest_file", "read_bytes"]
 
 PIECE: Final = 1 << 20
 WINDOWS: Final = "cp1252"
@@ -111,3 +112,13 @@ def _content(handle: int, most: int) -> bytes:
         parts.append(part)
         most -= len(part)
     return b"".join(parts)
+
+
+def nearest_file(path: Path) -> str:
+    """Name the nearest file in the same folder, else the files of the same kind, as the end of an error line."""
+    try:
+        return errors.nearest_file(path.name, [p.name for p in path.parent.iterdir() if p.is_file()])
+    except FileNotFoundError:
+        return f" (no such folder: {path.parent})"
+    except OSError:  # a folder that may not be looked into gives no advice
+        return ""

@@ -171,11 +171,19 @@ def open_table(path: Path) -> Iterator[Rows]:
         with open_it(path) as rows:
             yield rows
     except FileNotFoundError:
-        raise DataError(f"{path}: no such file{nearest_file(path)}") from None
+        raise DataError(f"{path}: no such file{_nearest(path)}") from None
     except EOFError:
         raise DataError(f"{path}: the gzip data are cut short or damaged") from None
     except OSError as e:
         raise DataError(f"{path}: cannot be read: {e.strerror or e}") from None
+
+
+def _nearest(path: Path) -> str:
+    """Name the nearest file in the same folder; nothing if the folder may not be read."""
+    try:
+        return nearest_file(path.name, [p.name for p in path.parent.iterdir() if p.is_file()])
+    except OSError:
+        return ""
 
 
 def _read(
